@@ -1,0 +1,1 @@
+"""Instruments of the piezo bench, real and simulated. Knows nothing of the application."""
