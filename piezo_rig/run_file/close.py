@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fcntl
 import os
 from pathlib import Path
 
@@ -66,9 +67,7 @@ def recover(folder: Path) -> list[Path]:
 
 
 def _in_use(part: Path) -> bool:
-    """Whether a writer holds the file (HDF5 locks what it writes)."""
-    import fcntl
-
+    """Whether a living writer holds the file; see ``RunWriter``."""
     with part.open("rb") as handle:
         try:
             fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)

@@ -7,11 +7,13 @@ closing, the run is copied into a plain file under its final name.
 
 from __future__ import annotations
 
+import fcntl
 import json
 import os
 import struct
 from collections.abc import Sequence
 from pathlib import Path
+from types import TracebackType
 from typing import Any
 
 import h5py
@@ -68,6 +70,10 @@ class RunWriter:
             self._file = h5py.File(self.part, "w-", libver="latest", track_order=True)
             self._create()
             self._file.swmr_mode = True
+            # HDF5 gives up its own lock in this mode. A shared one tells `recover` that the
+            # writer lives, and lets readers in.
+            self._alive = self.part.open("rb")
+            fcntl.flock(self._alive, fcntl.LOCK_SH)
             self._flush()
 
     def _disk(self, doing: str) -> _DiskGuard:
@@ -149,7 +155,7 @@ class RunWriter:
         with self._disk(f"store {header.name}"):
             group = self._file["entry"][header.name]
             group["command_v"][...] = command_v
-            sensor = np.asarray(sensor_v)
+            sensor = np.asarray(sensor_v, dtype=np.float32)
             group["sensor_v"][...] = sensor
             if self.header.monitor and drive_monitor_v is not None:
                 group["drive_monitor_v"][...] = drive_monitor_v
@@ -198,13 +204,17 @@ class RunWriter:
         with self._disk("close the run file"):
             self._append_wire()
             self._flush()
-            self._file.close()
+            self._let_go()
             return close_part(self.part, self.path)
 
     def release(self) -> None:
         """Let go of the part file without closing the run (the disk is full, say)."""
         with self._disk("release the run file"):
-            self._file.close()
+            self._let_go()
+
+    def _let_go(self) -> None:
+        self._file.close()
+        self._alive.close()
 
 
 class _DiskGuard:
@@ -216,7 +226,10 @@ class _DiskGuard:
     def __enter__(self) -> None:
         return None
 
-    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
         if isinstance(error, OSError | RuntimeError) and not isinstance(error, BenchError):
             full = "28" in str(error) or "No space" in str(error)
             raise BenchError(

@@ -1,0 +1,44 @@
+# The handful of commands that people type. `make demo` and `make test` need nothing but
+# python3.11, make and a package registry; everything else happens inside .venv.
+PYTHON ?= python3.11
+VENV := .venv
+BIN := $(VENV)/bin
+READY := $(VENV)/.ready
+RUNS ?= runs
+
+.PHONY: demo test lint types layers check wheel bench-figures clean help
+
+demo: $(READY)  ## play quick_look on the simulated bench: run, model, figure
+	$(BIN)/piezo-rig run quick_look --out $(RUNS)
+
+test: $(READY)  ## the test suite
+	$(BIN)/python -m pytest -n 2
+
+lint: $(READY)  ## style
+	$(BIN)/ruff check .
+
+types: $(READY)  ## types
+	$(BIN)/mypy
+
+layers: $(READY)  ## who may import whom
+	$(BIN)/lint-imports
+
+check: lint types layers test  ## everything that CI looks at, but the wheel
+
+wheel: $(READY)  ## build the wheel, install it elsewhere, run it in an empty folder
+	PYTHON=$(PYTHON) BUILD=$(abspath $(BIN))/python tests/wheel/try_wheel.sh
+
+bench-figures: $(READY)  ## speed, as ratios to named references
+	$(BIN)/python -m benchmarks
+
+$(READY): pyproject.toml constraints.txt
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev]'
+	$(BIN)/python -m piezo_rig.warm_up
+	touch $@
+
+clean:  ## remove what was made (runs stay)
+	rm -rf $(VENV) dist build .mypy_cache .ruff_cache .pytest_cache .hypothesis
+
+help:  ## this list
+	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/'

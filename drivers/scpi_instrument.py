@@ -1,0 +1,300 @@
+"""The client side of SCPI: ask, set and read back, drain the error queue, fetch blocks.
+
+Whatever is set is read back in the same message, together with the first entry
+of the error queue: one round trip, and nothing is believed unseen. After a
+timeout the line is stale: a late answer would be taken for the next one. The
+next exchange therefore closes it, opens it again, asks ``*IDN?`` and clears.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+
+from drivers.errors import InstrumentError
+from drivers.identity import Identity
+from drivers.scpi import (
+    BlockParser,
+    ErrorEntry,
+    ScpiSyntaxError,
+    encode_block,
+    parse_error_entry,
+    split_answers,
+)
+from drivers.scpi_values import INFINITE, same_arb, same_boolean, same_number, same_word
+from drivers.transport import Transport
+
+_MOST_ERRORS = 25  # one more than any queue holds, so that a stuck queue ends
+_STALING = ("instrument-timeout", "instrument-hangup", "instrument-garbage", "instrument-block")
+
+
+@dataclass(frozen=True)
+class Setting:
+    """One thing to set, and how to see that it took.
+
+    command : as sent, with its value; empty to check without setting
+    query : the query of the same setting
+    asked : the value in words, for messages
+    agrees : whether an answer means that value
+    """
+
+    command: str
+    query: str
+    asked: str
+    agrees: Callable[[str], bool]
+
+    @classmethod
+    def number(cls, header: str, value: float, *, absolute: float = 5e-4) -> Setting:
+        text = "INF" if value >= INFINITE else f"{value:.9g}"
+        return cls(
+            f"{header} {text}", f"{header}?", text,
+            lambda answer: same_number(value, answer, absolute=absolute),
+        )  # fmt: skip
+
+    @classmethod
+    def word(cls, header: str, value: str) -> Setting:
+        return cls(
+            f"{header} {value}", f"{header}?", value, lambda answer: same_word(value, answer)
+        )
+
+    @classmethod
+    def switch(cls, header: str, on: bool) -> Setting:
+        text = "ON" if on else "OFF"
+        return cls(f"{header} {text}", f"{header}?", text, lambda answer: same_boolean(on, answer))
+
+    @classmethod
+    def arb(cls, header: str, name: str) -> Setting:
+        return cls(f"{header} {name}", f"{header}?", name, lambda answer: same_arb(name, answer))
+
+
+class ScpiInstrument:
+    """SCPI over a `Transport`; knows no particular instrument."""
+
+    def __init__(self, transport: Transport) -> None:
+        self.transport = transport
+        self.name = transport.instrument
+        self.identity: Identity | None = None
+        self._stale = False
+
+    # ------------------------------------------------------------- connecting
+
+    def connect(self, models: Sequence[str]) -> Identity:
+        """Ask who is there, and clear the status.
+
+        ``models`` are the beginnings of the model names that will do.
+        InstrumentError instrument-refused, -timeout, -identity.
+        """
+        identity = self._identify()
+        if not any(identity.model.upper().startswith(model.upper()) for model in models):
+            raise InstrumentError(
+                "instrument-identity",
+                self.name,
+                f"{self.transport.address} answers as {identity.raw!r}, "
+                f"not as one of {', '.join(models)}",
+                "the addresses of two instruments are exchanged in the rig's config",
+                "correct the address",
+            )
+        self.identity = identity
+        self.write("*CLS")
+        self.drain_errors("*CLS")
+        return identity
+
+    def _identify(self) -> Identity:
+        answer = self.query("*IDN?")
+        try:
+            return Identity.from_idn(answer)
+        except ValueError:
+            raise InstrumentError(
+                "instrument-garbage",
+                self.name,
+                f"*IDN? answered {answer!r}, which is no identification",
+                "something else listens at this address",
+            ) from None
+
+    def close(self) -> None:
+        self.transport.close()
+
+    # -------------------------------------------------------------- exchanges
+
+    def write(self, message: str) -> None:
+        """Send a message that has no answer."""
+        with self._line():
+            self.transport.write(message.encode("latin-1") + b"\n")
+
+    def query(self, message: str, timeout_s: float | None = None) -> str:
+        """Send a message and return its one line of answer."""
+        with self._line(timeout_s):
+            self.transport.write(message.encode("latin-1") + b"\n")
+            return self._read_text()
+
+    def query_all(self, *queries: str) -> list[str]:
+        """Several queries in one message; their answers in order."""
+        return self._ask(";".join(_absolute(query) for query in queries), len(queries))
+
+    def _ask(self, message: str, count: int) -> list[str]:
+        with self._line():
+            self.transport.write(message.encode("latin-1") + b"\n")
+            answers = split_answers(self._read_text())
+            while len(answers) < count:  # some instruments answer on separate lines
+                answers += split_answers(self._read_text())
+        if len(answers) != count:
+            self._stale = True
+            raise InstrumentError(
+                "instrument-garbage",
+                self.name,
+                f"{message!r} asks {count} things and was answered {len(answers)}: {answers}",
+            )
+        return answers
+
+    def query_block(self, message: str, timeout_s: float | None = None) -> bytes:
+        """Ask for a definite-length block; InstrumentError instrument-block if damaged."""
+        parser = BlockParser()
+        with self._line(timeout_s):
+            self.transport.write(message.encode("latin-1") + b"\n")
+            try:
+                while parser.needed:
+                    parser.feed(self.transport.read_exactly(parser.needed))
+            except ScpiSyntaxError as error:
+                raise InstrumentError(
+                    "instrument-block", self.name, f"{message!r} was not answered by a block: {error}"
+                ) from error
+            trailer = self.transport.read_line()
+            if trailer.strip():
+                raise InstrumentError(
+                    "instrument-block",
+                    self.name,
+                    f"{message!r}: {len(trailer)} bytes follow the block",
+                )
+        return parser.payload
+
+    def send_block(self, head: str, payload: bytes) -> None:
+        """Send ``head`` followed by a block, then drain the error queue."""
+        with self._line():
+            self.transport.write(head.encode("latin-1") + encode_block(payload) + b"\n")
+        self.drain_errors(head)
+
+    # ---------------------------------------------------------------- setting
+
+    def apply(self, *settings: Setting) -> None:
+        """Set, read back, and drain the error queue, all in one message.
+
+        InstrumentError instrument-error-queue for what the instrument says went
+        wrong, instrument-setting for an answer that is not what was asked.
+        """
+        commands = [_absolute(setting.command) for setting in settings if setting.command]
+        queries = [_absolute(setting.query) for setting in settings]
+        message = ";".join([*commands, *queries, ":SYST:ERR?"])
+        said = "; ".join(setting.command for setting in settings if setting.command)
+        try:
+            answers = self._ask(message, len(queries) + 1)
+        except InstrumentError as failure:
+            # An instrument drops the rest of a message after a syntax error, queries too.
+            errors = []
+            if failure.code == "instrument-timeout":
+                with contextlib.suppress(InstrumentError):
+                    errors = self._recover()
+            if errors:
+                raise self._error_queue(said, errors) from failure
+            raise
+        wrong = [
+            f"{setting.query.rstrip('?')} was asked to be {setting.asked}, answered {answer.strip()}"
+            for setting, answer in zip(settings, answers, strict=False)
+            if not setting.agrees(answer)
+        ]
+        errors = self._collect_errors(answers[-1])
+        if errors:
+            raise self._error_queue(said, errors, "; ".join(wrong))
+        if wrong:
+            raise InstrumentError(
+                "instrument-setting",
+                self.name,
+                "; ".join(wrong),
+                "the instrument did not take the setting",
+                "look at its front panel for a lock or a limit",
+            )
+
+    def command(self, message: str) -> None:
+        """Send a command that has nothing to read back, and drain the error queue."""
+        answers = self._ask(f"{message};:SYST:ERR?", 1)
+        if errors := self._collect_errors(answers[0]):
+            raise self._error_queue(message, errors)
+
+    def drain_errors(self, after: str = "") -> None:
+        """Empty the error queue; InstrumentError instrument-error-queue if anything was there."""
+        if errors := self._collect_errors(None):
+            raise self._error_queue(after, errors)
+
+    def _collect_errors(self, first: str | None) -> list[ErrorEntry]:
+        errors: list[ErrorEntry] = []
+        answer = first if first is not None else self.query("SYST:ERR?")
+        while len(errors) < _MOST_ERRORS:
+            try:
+                entry = parse_error_entry(answer)
+            except ScpiSyntaxError:
+                self._stale = True
+                raise InstrumentError(
+                    "instrument-garbage", self.name, f"SYST:ERR? answered {answer!r}"
+                ) from None
+            if entry.code == 0:
+                break
+            errors.append(entry)
+            answer = self.query("SYST:ERR?")
+        return errors
+
+    def _error_queue(self, after: str, errors: list[ErrorEntry], also: str = "") -> InstrumentError:
+        listed = ", ".join(str(error) for error in errors)
+        what = f"reports {listed} after {after}" if after else f"reports {listed}"
+        return InstrumentError(
+            "instrument-error-queue", self.name, f"{what}; {also}" if also else what
+        )
+
+    # ------------------------------------------------------------- stale lines
+
+    @contextlib.contextmanager
+    def _line(self, timeout_s: float | None = None) -> Iterator[None]:
+        """One exchange: fresh line before it, marked stale when it breaks off."""
+        if self._stale:
+            self._recover()
+        usual = self.transport.timeout_s
+        self.transport.timeout_s = usual if timeout_s is None else timeout_s
+        try:
+            yield
+        except InstrumentError as error:
+            self._stale = self._stale or error.code in _STALING
+            raise
+        except BaseException:
+            self._stale = True  # interrupted: the answer may still be on its way
+            raise
+        finally:
+            self.transport.timeout_s = usual
+
+    def _recover(self) -> list[ErrorEntry]:
+        """Open the line afresh and make sure of who answers; what the queue held."""
+        self._stale = False
+        try:
+            self.transport.reopen()
+            identity = self._identify()
+            if self.identity is not None and identity.raw != self.identity.raw:
+                raise InstrumentError(
+                    "instrument-identity",
+                    self.name,
+                    f"was {self.identity.raw!r} and is now {identity.raw!r}",
+                )
+            errors = self._collect_errors(None)
+            self.transport.write(b"*CLS\n")
+        except InstrumentError:
+            self._stale = True
+            raise
+        return errors
+
+    def _read_text(self) -> str:
+        line = self.transport.read_line()
+        if any(byte < 0x20 and byte != 0x09 for byte in line):
+            raise InstrumentError("instrument-garbage", self.name, f"answered {line[:40]!r}")
+        return line.decode("latin-1").strip()
+
+
+def _absolute(message: str) -> str:
+    """With a leading colon, so that its place in a compound message does not matter."""
+    return message if message[:1] in "*:" else f":{message}"

@@ -1,0 +1,240 @@
+"""What every simulated SCPI instrument does: find the command, keep the error queue.
+
+Bytes in, bytes out, no sockets. A subclass declares its commands; patterns are
+written as in the instruments' manuals, ``[SOURce[1]:]VOLTage:HIGH``. Liberal in
+what it accepts, strict in the rules for compound headers.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Awaitable, Callable, Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from drivers.clock import Clock
+from drivers.scpi import (
+    ErrorEntry,
+    ErrorQueue,
+    ScpiSyntaxError,
+    Unit,
+    event_status_bit,
+    header_pattern,
+    parse_message,
+    short_form,
+)
+from drivers.scpi_values import format_number, parse_boolean, parse_number, parse_word
+
+Answer = str | bytes
+Setter = Callable[[Unit], None]
+Getter = Callable[[Unit], Answer | Awaitable[Answer]]
+Faults = Mapping[str, Any]
+
+_ON_THE_SPOT_S = 0.002
+
+
+class ScpiError(Exception):
+    """An execution error; the rest of the message is still executed."""
+
+    def __init__(self, code: int, text: str) -> None:
+        super().__init__(text)
+        self.entry = ErrorEntry(code, text)
+
+
+@dataclass
+class Command:
+    pattern: str
+    set: Setter | None = None
+    get: Getter | None = None
+
+
+async def pass_until(clock: Clock, instant: float) -> None:
+    """Let bench time pass: a virtual clock jumps, a real one is waited for."""
+    jump = getattr(clock, "advance_to", None)
+    if jump is not None:
+        jump(instant)
+        return
+    while (left := instant - clock.now()) > 0:
+        await asyncio.sleep(left)
+
+
+class ScpiDevice:
+    """An instrument with common commands, an error queue of 20 and a settings table.
+
+    Parameters
+    ----------
+    clock : bench time
+    identification : the four fields of ``*IDN?``
+    faults : what goes wrong; looked up at every message, so it may change under way.
+        ``setting_not_taken`` lists headers whose settings are swallowed.
+    """
+
+    def __init__(self, clock: Clock, identification: str, faults: Faults | None = None) -> None:
+        self.clock = clock
+        self.identification = identification
+        self.faults: Faults = faults if faults is not None else {}
+        self.errors = ErrorQueue()
+        self.state: dict[str, Any] = {}
+        self._defaults: dict[str, Any] = {}
+        self._commands: list[Command] = []
+        self._found: dict[str, Command | None] = {}
+        self._event_status = 0
+        self._masks = {"*ESE": 0, "*SRE": 0}
+        self._declare_common()
+
+    # -------------------------------------------------------------- execution
+
+    async def execute(self, message: bytes) -> bytes | None:
+        """Carry out one program message; the response message, or None."""
+        answers: list[bytes] = []
+        try:
+            for unit in parse_message(message):
+                try:
+                    answer = await self._execute_unit(unit)
+                except ScpiError as error:
+                    self.report(error.entry)
+                    continue
+                if answer is not None:
+                    answers.append(answer if isinstance(answer, bytes) else answer.encode("latin-1"))
+        except ScpiSyntaxError as error:
+            # The parser gives up on the rest of the message.
+            self.report(ErrorEntry(error.code, error.text))
+        return b";".join(answers) + b"\n" if answers else None
+
+    async def _execute_unit(self, unit: Unit) -> Answer | None:
+        command = self._find(unit.header)
+        action = None if command is None else (command.get if unit.query else command.set)
+        if command is None or action is None:
+            raise ScpiSyntaxError(-113, "Undefined header")
+        if unit.query:
+            result = action(unit)
+            return result if isinstance(result, str | bytes) else await result  # type: ignore[misc]
+        ignored = (self._find(header.upper()) for header in self.faults.get("setting_not_taken", ()))
+        if not any(command is other for other in ignored):
+            done = action(unit)
+            if done is not None:
+                await done  # type: ignore[misc]
+        return None
+
+    def _find(self, header: str) -> Command | None:
+        if header not in self._found:
+            matching = (c for c in self._commands if header_pattern(c.pattern).match(header))
+            self._found[header] = next(matching, None)
+        return self._found[header]
+
+    def report(self, entry: ErrorEntry) -> None:
+        """Put an entry into the error queue."""
+        self.errors.push(entry)
+        self._event_status |= event_status_bit(entry.code)
+
+    # ------------------------------------------------------------ declarations
+
+    def on(self, pattern: str, *, set: Setter | None = None, get: Getter | None = None) -> None:
+        """Declare a command by what sets it and what answers its query."""
+        self._commands.append(Command(pattern, set, get))
+
+    def switch(self, key: str, pattern: str, default: bool) -> None:
+        """Declare an ON/OFF setting, kept in ``state[key]``."""
+        self._defaults[key] = self.state[key] = default
+
+        def change(unit: Unit) -> None:
+            self._change(key, parse_boolean(unit.text(0)))
+
+        self.on(pattern, set=change, get=lambda unit: str(int(self.state[key])))
+
+    def choice(self, key: str, pattern: str, choices: Iterable[str], default: str) -> None:
+        """Declare a setting that takes one of several words, kept in its short form."""
+        words = tuple(choices)
+        self._defaults[key] = self.state[key] = default
+
+        def change(unit: Unit) -> None:
+            word = unit.text(0)
+            if word.upper().startswith("DEF") and not any(
+                short_form(choice).startswith("DEF") for choice in words
+            ):
+                self._change(key, self._defaults[key])
+            else:
+                self._change(key, parse_word(word, words))
+
+        self.on(pattern, set=change, get=lambda unit: str(self.state[key]))
+
+    def number(
+        self, key: str, pattern: str, default: float, lowest: float, highest: float
+    ) -> None:
+        """Declare a number within limits; beyond them it is clipped, with error -222."""
+        self._defaults[key] = self.state[key] = default
+        words = {"MINimum": lowest, "MAXimum": highest, "DEFault": default}
+
+        def change(unit: Unit) -> None:
+            value = parse_number(unit.text(0), words)
+            self._change(key, min(max(value, lowest), highest))
+            if not lowest <= value <= highest:
+                raise ScpiError(-222, "Data out of range; value clipped to limit")
+
+        def tell(unit: Unit) -> str:
+            if unit.arguments:
+                return format_number(parse_number(unit.text(0), words))
+            return format_number(self.state[key])
+
+        self.on(pattern, set=change, get=tell)
+
+    def _change(self, key: str, value: Any) -> None:
+        self.state[key] = value
+        self.changed(key)
+
+    def changed(self, key: str) -> None:
+        """Called after ``state[key]`` was set by a command."""
+
+    # ----------------------------------------------------------- common commands
+
+    def _declare_common(self) -> None:
+        self.on("*IDN", get=lambda unit: self.identification)
+        self.on("*OPT", get=lambda unit: "0")
+        self.on("*TST", get=lambda unit: "+0")
+        self.on("*CLS", set=lambda unit: self._clear_status())
+        self.on("*RST", set=lambda unit: self.reset())
+        self.on("*ESR", get=lambda unit: f"+{self._read_event_status()}")
+        self.on("*STB", get=lambda unit: f"+{self._status_byte()}")
+        self.on("*OPC", set=self._operation_complete, get=self._answer_when_complete)
+        self.on("*WAI", set=self._wait)
+        for mask in self._masks:
+            self.on(mask, set=self._set_mask, get=lambda unit: f"+{self._masks[unit.header]}")
+        self.on("SYSTem:ERRor[:NEXT]", get=lambda unit: str(self.errors.pop()))
+        self.on("SYSTem:ERRor:COUNt", get=lambda unit: f"+{len(self.errors)}")
+        self.on("SYSTem:VERSion", get=lambda unit: "1999.0")
+
+    def reset(self) -> None:
+        """``*RST``: settings to their defaults; the error queue stays."""
+        self.state.update(self._defaults)
+
+    async def complete(self) -> None:
+        """Return when no operation is pending."""
+
+    def _clear_status(self) -> None:
+        self.errors.clear()
+        self._event_status = 0
+
+    def _read_event_status(self) -> int:
+        value, self._event_status = self._event_status, 0
+        return value
+
+    def _status_byte(self) -> int:
+        event = bool(self._event_status & self._masks["*ESE"])
+        return (4 if len(self.errors) else 0) | (32 if event else 0)
+
+    def _set_mask(self, unit: Unit) -> None:
+        self._masks[unit.header] = int(parse_number(unit.text(0))) & 0xFF
+
+    def _operation_complete(self, unit: Unit) -> Any:
+        async def later() -> None:
+            await self.complete()
+            self._event_status |= 1
+
+        return later()
+
+    async def _answer_when_complete(self, unit: Unit) -> str:
+        await self.complete()
+        return "1"
+
+    def _wait(self, unit: Unit) -> Any:
+        return self.complete()

@@ -1,0 +1,444 @@
+"""The waveform DAC: a Keysight 33500B that plays one burst per sweep.
+
+Never tried on hardware.
+
+The amplifier adds 75 V to 7.5 times the command, so 0 V of command is full
+voltage on the stack, and an output that is switched off is 0 V. Rest is -10 V.
+From that follows what this driver does and what it never does:
+
+* It never sends ``*RST``, never switches the output off, never changes FUNC
+  while the output is on (one exception below), and never moves the level in
+  steps larger than `STEP_V`.
+* At rest the generator sits in an idle burst of an arbitrary waveform: the
+  output is the waveform's first point, code -32767, which is LOW = -10 V.
+  Between sweeps only HIGH changes; before waveform memory is touched HIGH is
+  pulled to within `NARROW_V` of LOW, so that no point of any waveform, wanted
+  or not, lies further than that from rest.
+* An output that was found off is prepared while off (the rest waveform at 0 V,
+  burst mode, trigger from the bus), switched on at 0 V, which is what the stack
+  sees already, and moved to rest by VOLT:OFFS. An offset ramp in the idle burst
+  was preferred to one in FUNC DC because DC cannot be bursted: it would need a
+  change of FUNC at rest, and whether that glitches is unverified.
+* An output that was found on in FUNC DC is moved to rest in DC, with the
+  amplitude first narrowed, and only then given the rest waveform: the exception.
+
+Unverified on hardware: whether amplitude and offset steps that make the
+generator switch its attenuator interrupt the output for a moment (the
+instrument's range lock is not used); whether a waveform without any span may
+be played at 10 mVpp.
+
+Source: Keysight, Trueform Series Operating and Service Guide (33500-90901).
+"""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.clock import Clock
+from drivers.errors import InstrumentError
+from drivers.identity import Identity
+from drivers.scpi_instrument import ScpiInstrument, Setting
+from drivers.scpi_values import INFINITE, arb_name, parse_boolean, parse_number, same_word
+from drivers.transport import Transport
+
+MEMORY_POINTS = 1_000_000
+FULL_SCALE = 32767
+STEP_V = 0.02
+NARROW_V = 0.010
+REST_NAME = "PZREST"
+_PREFIX = "PZ"  # marks the waveforms whose first point this driver vouches for
+_TOLERANCE_V = 1e-3
+_MARGIN_S = 5.0
+
+
+class WaveformDac(Protocol):
+    """What plays a sweep's waveform; volts are command volts."""
+
+    identity: Identity | None
+
+    def connect(self) -> Identity: ...
+
+    def output_level(self) -> float: ...
+
+    def go_to_rest(
+        self, rest_v: float = -10.0, *, slew_v_per_s: float, clock: Clock
+    ) -> dict[str, float]: ...
+
+    def load(
+        self,
+        name: str,
+        codes: NDArray[np.int16],
+        low_v: float,
+        high_v: float,
+        sample_rate: float,
+    ) -> None: ...
+
+    def start(self) -> None: ...
+
+    def wait(self, duration_s: float) -> None: ...
+
+    def settings(self) -> dict[str, str]: ...
+
+    def close(self) -> None: ...
+
+
+class Found:
+    """What the generator was doing when it was looked at."""
+
+    QUERIES: dict[str, str] = {
+        "output": "OUTP1?",
+        "load": "OUTP1:LOAD?",
+        "function": "SOUR1:FUNC?",
+        "arb": "SOUR1:FUNC:ARB?",
+        "sample_rate": "SOUR1:FUNC:ARB:SRAT?",
+        "high": "SOUR1:VOLT:HIGH?",
+        "low": "SOUR1:VOLT:LOW?",
+        "offset": "SOUR1:VOLT:OFFS?",
+        "burst": "SOUR1:BURS:STAT?",
+        "burst_mode": "SOUR1:BURS:MODE?",
+        "cycles": "SOUR1:BURS:NCYC?",
+        "trigger": "TRIG1:SOUR?",
+    }
+
+    def __init__(self, answers: list[str]) -> None:
+        said = dict(zip(self.QUERIES, answers, strict=True))
+        self.on = parse_boolean(said["output"])
+        load = parse_number(said["load"], {"INFinity": INFINITE})
+        # Levels are told for the load setting; the amplifier's input is a high impedance.
+        self.scale = 1.0 if load > 1e30 else (load + 50.0) / load
+        self.function = said["function"]
+        self.arb = said["arb"]
+        self.sample_rate = parse_number(said["sample_rate"])
+        self.high, self.low, self.offset = (
+            self.scale * parse_number(said[key]) for key in ("high", "low", "offset")
+        )
+        self.cycles = parse_number(said["cycles"])
+        self.is_dc = self.function.strip('"').upper() == "DC"
+        idles = (
+            parse_boolean(said["burst"])
+            and same_word("TRIG", said["burst_mode"])
+            and same_word("BUS", said["trigger"])
+            and self.cycles < 1e6
+        )
+        name = arb_name(self.arb)
+        # The rest waveform stays within NARROW_V of LOW whether it is burst or not.
+        ours = (idles and name.startswith(_PREFIX)) or name == REST_NAME
+        self.is_ours = same_word("ARB", self.function) and ours
+
+    @property
+    def level(self) -> float | None:
+        """Volts on the terminals between bursts; None when they cannot be told."""
+        if not self.on:
+            return 0.0
+        if self.is_dc:
+            return self.offset
+        return self.low if self.is_ours else None
+
+    def describe(self) -> str:
+        state = "on" if self.on else "off"
+        arb = f" {self.arb}" if same_word("ARB", self.function) else ""
+        return f"output {state}, {self.function}{arb}, {self.low:g} to {self.high:g} V"
+
+
+class Keysight33500B:
+    """A 33500B series generator on a `Transport`. Never tried on hardware."""
+
+    MODELS = ("335", "336", "EDU335")
+
+    def __init__(self, transport: Transport) -> None:
+        self._link = ScpiInstrument(transport)
+        self._uploaded: dict[str, str] = {}  # digest of the codes -> name in the memory
+        self._free_points: int | None = None  # None: what the memory holds is not known
+
+    @property
+    def identity(self) -> Identity | None:
+        return self._link.identity
+
+    def connect(self) -> Identity:
+        """Make sure of who answers; touches nothing but the status."""
+        self._uploaded.clear()
+        self._free_points = None
+        return self._link.connect(self.MODELS)
+
+    def close(self) -> None:
+        """Close the line; the output stays as it is."""
+        self._link.close()
+
+    # ------------------------------------------------------------------ levels
+
+    def _look(self) -> Found:
+        answers = self._link.query_all(*Found.QUERIES.values())
+        try:
+            return Found(answers)
+        except ValueError as error:
+            raise InstrumentError(
+                "instrument-garbage", self._link.name, f"settings read back as {answers}: {error}"
+            ) from error
+
+    def output_level(self) -> float:
+        """Command volts on the terminals now, from the settings read back.
+
+        Holds between bursts. InstrumentError bench-refused when a waveform that
+        is not this driver's is selected, for then the level cannot be told.
+        """
+        found = self._look()
+        if found.level is None:
+            raise self._refuse(found)
+        return found.level
+
+    def go_to_rest(
+        self, rest_v: float = -10.0, *, slew_v_per_s: float, clock: Clock
+    ) -> dict[str, float]:
+        """Bring the output from whatever it was found at to rest, without a jump.
+
+        ``slew_v_per_s`` is in command volts. Waits for a burst that is running.
+        Returns ``from_v``, ``to_v`` and ``duration_s``. InstrumentError
+        bench-refused when a foreign waveform is on the output.
+        """
+        begun = clock.now()
+        found = self._look()
+        if found.on and found.is_ours:
+            self.wait(self._longest_burst(found))
+            found = self._look()
+        from_v = found.level
+        if from_v is None:
+            raise self._refuse(found)
+        if not found.on:
+            self._prepare_rest(found, from_v)
+            self._link.apply(Setting.switch("OUTP1", True))
+        elif found.is_dc:
+            self._narrow_dc(found, slew_v_per_s, clock)
+            self._ramp(from_v, rest_v + NARROW_V / 2, slew_v_per_s, clock)
+            found = self._look()
+            self._prepare_rest(found, rest_v)
+        else:
+            self._burst_settings()
+            self._pull_in(found)
+        found = self._look()
+        if found.level is None:
+            raise self._refuse(found)
+        if abs(found.level - rest_v) > _TOLERANCE_V:
+            self._ramp(found.offset, rest_v + found.offset - found.low, slew_v_per_s, clock)
+        to_v = self.output_level()
+        if abs(to_v - rest_v) > 2 * _TOLERANCE_V:
+            raise InstrumentError(
+                "instrument-setting", self._link.name, f"rest is {rest_v:g} V, reads back {to_v:g} V"
+            )
+        return {"from_v": from_v, "to_v": to_v, "duration_s": clock.now() - begun}
+
+    def _refuse(self, found: Found) -> InstrumentError:
+        return InstrumentError(
+            "bench-refused",
+            self._link.name,
+            f"plays something that is not this program's: {found.describe()}",
+            "another program or a person at the front panel started a waveform",
+            "ramp it to a constant level by hand (FUNC DC) and try again",
+        )
+
+    def _longest_burst(self, found: Found) -> float:
+        return found.cycles * MEMORY_POINTS / max(found.sample_rate, 1.0)
+
+    def _prepare_rest(self, found: Found, level_v: float) -> None:
+        """An idle burst of the rest waveform at ``level_v``, output untouched."""
+        self._link.apply(Setting.number("OUTP1:LOAD", INFINITE))
+        self._link.apply(Setting.word("FORM:BORD", "SWAP"))
+        self._clear_memory()
+        # It spans the converter, because a waveform without span may have no amplitude;
+        # it is never played, and its first point is what an idle burst puts out.
+        rest = np.full(8, -FULL_SCALE, np.int16)
+        rest[4] = FULL_SCALE
+        self._upload(REST_NAME, rest)
+        self._link.apply(Setting.arb("SOUR1:FUNC:ARB", REST_NAME))
+        high, low = (
+            Setting.number("SOUR1:VOLT:HIGH", level_v + NARROW_V),
+            Setting.number("SOUR1:VOLT:LOW", level_v),
+        )
+        function = Setting.word("SOUR1:FUNC", "ARB")
+        if found.on:
+            # DC at rest, already narrowed: the level must not move while FUNC changes.
+            self._link.apply(function)
+            self._link.apply(low, high)
+        else:
+            self._link.apply(function)
+            first_high = level_v + NARROW_V > found.low + NARROW_V / 2
+            for setting in (high, low) if first_high else (low, high):
+                self._link.apply(setting)
+        self._burst_settings()
+
+    def _burst_settings(self) -> None:
+        self._link.apply(
+            Setting.number("OUTP1:LOAD", INFINITE),
+            Setting.word("FORM:BORD", "SWAP"),
+            Setting.word("SOUR1:FUNC:ARB:FILT", "STEP"),
+            Setting.word("SOUR1:BURS:MODE", "TRIG"),
+            Setting.number("SOUR1:BURS:NCYC", 1),
+            Setting.word("TRIG1:SOUR", "BUS"),
+            Setting.switch("SOUR1:BURS:STAT", True),
+            Setting.word("OUTP:TRIG:SLOP", "POS"),
+            Setting.switch("OUTP:TRIG", True),
+        )
+
+    def _narrow_dc(self, found: Found, slew_v_per_s: float, clock: Clock) -> None:
+        """Shrink the amplitude that DC remembers, in steps that move the offset little.
+
+        LOW and HIGH are moved in turn; each moves the offset by half its own step.
+        """
+        self._link.apply(Setting.number("OUTP1:LOAD", INFINITE))
+        high, low, offset = found.high, found.low, found.offset
+        while high - low > NARROW_V + _TOLERANCE_V:
+            low = min(low + STEP_V, offset - NARROW_V / 2)
+            high = max(high - STEP_V, offset + NARROW_V / 2)
+            self._link.apply(Setting.number("SOUR1:VOLT:LOW", low))
+            self._link.apply(Setting.number("SOUR1:VOLT:HIGH", high))
+            clock.sleep(STEP_V / slew_v_per_s)
+
+    def _pull_in(self, found: Found) -> None:
+        """HIGH to just above LOW: LOW, which is the output between bursts, stays."""
+        if found.high - found.low > NARROW_V + _TOLERANCE_V:
+            self._link.apply(
+                Setting.number("SOUR1:VOLT:HIGH", found.low + NARROW_V),
+                _unchanged("SOUR1:VOLT:LOW", found.low),
+            )
+
+    def _ramp(self, from_v: float, to_v: float, slew_v_per_s: float, clock: Clock) -> None:
+        steps = max(1, int(np.ceil(abs(to_v - from_v) / STEP_V - 1e-9)))
+        begun = clock.now()
+        for step in range(1, steps + 1):
+            due = begun + abs(to_v - from_v) * step / steps / slew_v_per_s
+            clock.sleep(due - clock.now())
+            value = from_v + (to_v - from_v) * step / steps
+            self._link.apply(Setting.number("SOUR1:VOLT:OFFS", value))
+
+    # --------------------------------------------------------------- waveforms
+
+    def load(
+        self,
+        name: str,
+        codes: NDArray[np.int16],
+        low_v: float,
+        high_v: float,
+        sample_rate: float,
+    ) -> None:
+        """Make one sweep ready to play; the output, at rest, does not move.
+
+        Parameters
+        ----------
+        name : of the sweep; shortened to what the instrument takes
+        codes : (n,) DAC codes, 8 <= n <= 1,000,000; -32767 is ``low_v``, +32767 is
+            ``high_v``; the first and the last are -32767
+        low_v, high_v : command volts; ``low_v`` is the rest level
+        sample_rate : samples/s
+
+        ValueError for a waveform that does not begin and end at rest.
+        """
+        codes = np.ascontiguousarray(codes, dtype=np.int16)
+        if not 8 <= codes.size <= MEMORY_POINTS:
+            raise ValueError(f"{codes.size} points; the memory takes 8 to {MEMORY_POINTS}")
+        if codes[0] != -FULL_SCALE or codes[-1] != -FULL_SCALE:
+            raise ValueError("a waveform begins and ends at rest, code -32767")
+        if codes.min() < -FULL_SCALE:
+            raise ValueError("code -32768 is below full scale")
+        codes, high_v = _fitted(codes, low_v, high_v)
+        found = self._look()
+        if found.level is None or not found.on:
+            raise self._refuse(found)
+        if abs(found.level - low_v) > 2 * _TOLERANCE_V:
+            raise InstrumentError(
+                "bench-refused",
+                self._link.name,
+                f"the output is at {found.level:g} V, the waveform begins at {low_v:g} V",
+                remedy="go to rest first",
+            )
+        self._pull_in(found)
+        digest = hashlib.sha256(codes.tobytes()).hexdigest()
+        if digest not in self._uploaded:
+            if self._free_points is None or self._free_points < codes.size:
+                self._clear_memory()
+            self._uploaded[digest] = self._upload(self._free_name(name), codes)
+        self._link.apply(
+            Setting.arb("SOUR1:FUNC:ARB", self._uploaded[digest]),
+            Setting.word("SOUR1:FUNC", "ARB"),
+            Setting.number("SOUR1:FUNC:ARB:SRAT", sample_rate, absolute=1e-6 * sample_rate),
+            Setting.word("SOUR1:FUNC:ARB:FILT", "STEP"),
+        )
+        self._link.apply(
+            Setting.number("SOUR1:VOLT:HIGH", high_v), _unchanged("SOUR1:VOLT:LOW", low_v)
+        )
+
+    def _clear_memory(self) -> None:
+        self._link.command("SOUR1:DATA:VOL:CLE")
+        self._uploaded.clear()
+        self._free_points = MEMORY_POINTS
+
+    def _upload(self, name: str, codes: NDArray[np.int16]) -> str:
+        self._free_points = (self._free_points or 0) - codes.size
+        self._link.send_block(f"SOUR1:DATA:ARB:DAC {name},", codes.astype("<i2").tobytes())
+        return name
+
+    def _free_name(self, name: str) -> str:
+        """At most 12 characters, beginning with the mark, unused."""
+        stem = (_PREFIX + re.sub(r"\W|_", "", name.upper(), flags=re.ASCII))[:12]
+        taken = {*self._uploaded.values(), REST_NAME}
+        number = 0
+        candidate = stem
+        while candidate in taken:
+            number += 1
+            candidate = f"{stem[: 12 - len(str(number))]}{number}"
+        return candidate
+
+    def start(self) -> None:
+        """Begin the burst, and with it the pulse at the trigger output."""
+        self._link.command("*TRG")
+
+    def wait(self, duration_s: float) -> None:
+        """Return when the burst is complete; InstrumentError instrument-timeout if it is not.
+
+        ``duration_s`` is how long the burst lasts; a margin is added. On a
+        virtual bench the answer comes at once, the clock having jumped.
+        """
+        margin = max(_MARGIN_S, self._link.transport.timeout_s)
+        answer = self._link.query("*OPC?", timeout_s=min(duration_s, 1e6) + margin)
+        if answer.lstrip("+") != "1":
+            raise InstrumentError(
+                "instrument-garbage", self._link.name, f"*OPC? answered {answer!r}"
+            )
+
+    def settings(self) -> dict[str, str]:
+        """Every setting this driver relies on, query -> answer as it came."""
+        queries = [*Found.QUERIES.values(), *_MORE_SETTINGS]
+        return dict(zip(queries, self._link.query_all(*queries), strict=True))
+
+
+_MORE_SETTINGS = ("SOUR1:FUNC:ARB:FILT?", "FORM:BORD?", "OUTP:TRIG?", "OUTP:TRIG:SLOP?")
+
+
+def _unchanged(header: str, value: float) -> Setting:
+    """Reads back a setting that must not have moved, without sending it."""
+    watched = Setting.number(header, value, absolute=_TOLERANCE_V)
+    return Setting("", watched.query, watched.asked, watched.agrees)
+
+
+def _fitted(
+    codes: NDArray[np.int16], low_v: float, high_v: float
+) -> tuple[NDArray[np.int16], float]:
+    """The same volts, spanning the converter on at least the span that can be set.
+
+    The generator limits the amplitude of waveforms that do not span its converter.
+    """
+    if high_v < low_v:
+        raise ValueError(f"high {high_v:g} V is below low {low_v:g} V")
+    top = int(codes.max())
+    if top == -FULL_SCALE:
+        return codes, low_v + NARROW_V
+    peak_v = low_v + (high_v - low_v) * (top + FULL_SCALE) / (2 * FULL_SCALE)
+    span_v = max(peak_v - low_v, NARROW_V)
+    stretch = (high_v - low_v) / span_v
+    if stretch == 1.0:
+        return codes, high_v
+    stretched = np.rint((codes.astype(float) + FULL_SCALE) * stretch) - FULL_SCALE
+    return stretched.astype(np.int16), low_v + span_v

@@ -1,0 +1,50 @@
+"""Direction asymmetry: ascending and descending half loops differ in shape.
+
+Physics: switching with the poling direction and against it are not mirror
+images. Thesis section 2.3, figure 2-3: ascending half loops begin steeper
+than descending ones; chapter 5 leaves the model of it to future work. Here
+the first slope is multiplied by 2r/(1+r) on ascending half loops and by
+2/(1+r) on descending ones, so that their mean stays.
+
+Shows as: a difference between half loops right after the turning point that
+follows the direction and nothing else.
+
+Plausible: ratios of 0.9 to 1.1.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from piezo_rig.chain.branches import Branches, FloatArray
+from piezo_rig.chain.half_loops import HalfLoops
+from piezo_rig.chain.stage import Stage
+from piezo_rig.errors import InputError
+
+
+class DirectionAsymmetry(Stage):
+    """``ratio`` of the first slopes, ascending over descending."""
+
+    id = "direction-asymmetry"
+    place = "actuator"
+    units = {"ratio": "1"}
+
+    def shape(self, branches: Branches) -> Branches:
+        r = self["ratio"]
+
+        def law(slopes: FloatArray, loops: HalfLoops) -> FloatArray:
+            return slopes * np.where(loops.direction > 0, 2 * r, 2.0) / (1 + r)
+
+        return replace(branches, laws=(*branches.laws, law))
+
+    def check(self) -> None:
+        super().check()
+        if not self["ratio"] > 0:
+            raise InputError(
+                "model-stage",
+                f"stage {self.id}: a ratio of {self['ratio']:g} is not above 0",
+                "one direction would move without drive",
+                "identify the model again",
+            )

@@ -1,0 +1,33 @@
+"""Extremum dependence: the first spring follows the drive at the last turning point.
+
+Physics: which domains can switch back depends on the field at which the
+motion reversed. Thesis section 3.1(b), eq. 9-10: k_1 = slope x F_extre +
+offset, with the displacement at which the first element gives way unchanged.
+
+Shows as: half loops that begin at different drives differ right after the
+turning point although their ranges agree.
+
+Plausible: thesis (Appendix B), 9.5e-4 V/um per V and -0.085 V/um; r-squared 0.03.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from piezo_rig.chain.branches import Branches, FloatArray
+from piezo_rig.chain.half_loops import HalfLoops
+from piezo_rig.chain.stage import Stage
+
+
+class ExtremumDependence(Stage):
+    """``slope`` and ``offset`` of k_1 over the drive at the last turning point."""
+
+    id = "extremum-dependence"
+    place = "actuator"
+    units = {"slope": "V/um/V", "offset": "V/um"}
+
+    def shape(self, branches: Branches) -> Branches:
+        def law(slopes: FloatArray, loops: HalfLoops) -> FloatArray:
+            return slopes + self["slope"] * loops.extremum_v + self["offset"]
+
+        return replace(branches, laws=(*branches.laws, law))

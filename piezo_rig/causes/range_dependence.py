@@ -1,0 +1,35 @@
+"""Range dependence: the first spring follows the range of the most recent half loop.
+
+Physics: how many domains take part right after a reversal depends on how far
+the field has just travelled. Thesis section 3.1(a), eq. 7-8:
+k_1 = slope x F_range + offset, with the displacement at which the first
+element gives way unchanged, so that f_1 = k_1 dx.
+
+Shows as: half loops that differ right after the turning point, in order of
+the range before them. At one fixed frequency the slew rate is proportional to
+the range, so rate dependence looks much the same.
+
+Plausible: thesis, 7.5e-3 V/um per V and -0.36 V/um, against a first slope near 10 V/um.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from piezo_rig.chain.branches import Branches, FloatArray
+from piezo_rig.chain.half_loops import HalfLoops
+from piezo_rig.chain.stage import Stage
+
+
+class RangeDependence(Stage):
+    """``slope`` and ``offset`` of k_1 over the input range."""
+
+    id = "range-dependence"
+    place = "actuator"
+    units = {"slope": "V/um/V", "offset": "V/um"}
+
+    def shape(self, branches: Branches) -> Branches:
+        def law(slopes: FloatArray, loops: HalfLoops) -> FloatArray:
+            return slopes + self["slope"] * loops.range_v + self["offset"]
+
+        return replace(branches, laws=(*branches.laws, law))

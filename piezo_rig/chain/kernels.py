@@ -1,0 +1,267 @@
+"""The one Maxwell / Prandtl-Ishlinskii kernel, compiled.
+
+Everything that walks a drive sample by sample lives here; nothing else in the
+program imports numba, and this module is imported only when a walk is asked
+for, so that `--help` does not wait for it. It knows volts, distances and
+indices. What a spring or a law is, it does not know.
+
+A walk cuts the drive into *segments*: stretches on one band of one branch.
+Displacement is continuous and its slope is constant on a segment, so a walk
+is all that simulation (`fill`) and least squares (`accumulate`) need.
+
+Memory follows Madelung's rules. The stack holds the turning points that are
+still remembered, outermost first. The branch from the last of them ends at
+the one before it (there both are forgotten, and the branch interrupted there
+goes on), or, with one left, at its mirror image about the virgin drive (there
+the initiation curve goes on).
+"""
+
+from __future__ import annotations
+
+import numba
+import numpy as np
+
+COLUMNS = 9
+# Columns of a walk's integer part: first sample, one past the last sample,
+# band (< n0: initiation; else n0 + band of the later branch), half loop that
+# the branch belongs to, 1 where the band was entered over a break point.
+# Float part: drive at the segment's beginning and end, first slope of its
+# branch, distance from the branch's turning point at the beginning.
+
+
+@numba.njit(cache=True, boundscheck=False)
+def _run_end(v, i, up):
+    """Last sample of the monotone run that contains i, moving up or down."""
+    n = v.size
+    while True:
+        if i + 65 <= n:
+            bad = False
+            if up:
+                for k in range(i, i + 64):
+                    bad |= v[k + 1] < v[k]
+            else:
+                for k in range(i, i + 64):
+                    bad |= v[k + 1] > v[k]
+            if not bad:
+                i += 64
+                continue
+        if up:
+            while i + 1 < n and v[i + 1] >= v[i]:
+                i += 1
+        else:
+            while i + 1 < n and v[i + 1] <= v[i]:
+                i += 1
+        return i
+
+
+@numba.njit(cache=True, boundscheck=False)
+def _first_beyond(v, i, end, limit, up):
+    """First index in i..end whose drive lies beyond the limit; end + 1 if none."""
+    if i > end or (v[end] <= limit if up else v[end] >= limit):
+        return end + 1
+    step = 1
+    low = i - 1
+    high = i
+    while (v[high] <= limit) if up else (v[high] >= limit):
+        low = high
+        high = min(high + step, end)
+        step *= 2
+    while high - low > 1:
+        mid = (low + high) >> 1
+        if (v[mid] <= limit) if up else (v[mid] >= limit):
+            low = mid
+        else:
+            high = mid
+    return high
+
+
+@numba.njit(cache=True, boundscheck=False)
+def walk(v, origin, init_knots, first_break, rest_knots, loop_start, first_slope):
+    """Cut a drive into segments.
+
+    Parameters
+    ----------
+    v : shape (n,), drive in volts
+    origin : the virgin drive, volts
+    init_knots : shape (n0 - 1,), |drive - origin| at the initiation curve's break points
+    first_break : um after a turning point at which the first element slides (inf: never)
+    rest_knots : shape (nc - 2,) or (0,), volts from the first breakaway to the others
+    loop_start : shape (m,), first sample of every half loop
+    first_slope : shape (m,), V/um, the first slope of branches that begin in that half loop
+
+    Returns
+    -------
+    integers : shape (s, 5); floats : shape (s, 4); see the top of this module
+    """
+    n = v.size
+    n0 = init_knots.size + 1
+    n_rest = rest_knots.size
+    capacity = 256
+    ints = np.empty((capacity, 5), np.int64)
+    floats = np.empty((capacity, 4), np.float64)
+    count = 0
+    room = 64
+    turn = np.empty(room, np.float64)
+    slope = np.empty(room, np.float64)
+    loop_of = np.empty(room, np.int64)
+    band = np.zeros(room + 1, np.int64)  # band[0]: initiation; band[d]: branch of turn[d - 1]
+    depth = 0
+    loop = 0
+    here = origin
+    i = 0  # samples before i are covered
+    end = -1  # last sample of the run before
+    while i < n:
+        start = end
+        k = i
+        while k < n and v[k] == here:
+            k += 1
+        if k == n:
+            up = True
+            end = n - 1
+        else:
+            up = v[k] > here
+            end = _run_end(v, k, up)
+        if count > 0:
+            while loop + 1 < loop_start.size and loop_start[loop + 1] <= start:
+                loop += 1
+            if depth + 2 > room:
+                turn = np.concatenate((turn, np.empty(room, np.float64)))
+                slope = np.concatenate((slope, np.empty(room, np.float64)))
+                loop_of = np.concatenate((loop_of, np.empty(room, np.int64)))
+                band = np.concatenate((band, np.zeros(room, np.int64)))
+                room *= 2
+            turn[depth] = here
+            slope[depth] = first_slope[loop]
+            loop_of[depth] = loop
+            depth += 1
+            band[depth] = 0
+        sign = 1.0 if up else -1.0
+        last = v[end]
+        entered = 0
+        while True:
+            b = band[depth]
+            if depth == 0:
+                reference = origin
+                limit = sign * np.inf
+                knot = init_knots[b] if b < n0 - 1 else np.inf
+                branch_slope = 0.0
+                branch_loop = 0
+                code = b
+            else:
+                reference = turn[depth - 1]
+                branch_slope = slope[depth - 1]
+                branch_loop = loop_of[depth - 1]
+                limit = turn[depth - 2] if depth > 1 else 2.0 * origin - reference
+                if b == 0:
+                    knot = first_break * branch_slope
+                elif b <= n_rest:
+                    knot = first_break * branch_slope + rest_knots[b - 1]
+                else:
+                    knot = np.inf
+                code = n0 + b
+            knot = reference + sign * knot
+            returns = (limit - knot) * sign <= 0.0 or np.isinf(knot)
+            stop = limit if returns else knot
+            goes_on = (last - stop) * sign >= 0.0
+            if goes_on:
+                after = _first_beyond(v, i, end, stop, up)
+            else:
+                stop = last
+                after = end + 1
+            if count == capacity:
+                ints = np.concatenate((ints, np.empty((capacity, 5), np.int64)))
+                floats = np.concatenate((floats, np.empty((capacity, 4), np.float64)))
+                capacity *= 2
+            ints[count, 0] = i
+            ints[count, 1] = after
+            ints[count, 2] = code
+            ints[count, 3] = branch_loop
+            ints[count, 4] = entered
+            floats[count, 0] = here
+            floats[count, 1] = stop
+            floats[count, 2] = branch_slope
+            floats[count, 3] = (here - reference) * sign
+            count += 1
+            here = stop
+            i = after
+            if not goes_on:
+                break
+            if returns:
+                depth = depth - 2 if depth > 1 else 0
+                entered = 0
+                if last == stop:
+                    break
+            else:
+                band[depth] += 1
+                entered = 1
+    return ints[:count], floats[:count]
+
+
+@numba.njit(cache=True, boundscheck=False)
+def fill(v, ints, floats, n0, init_compliance, rest_compliance):
+    """Displacement of a walked drive, um, shape (n,); 0 at the walk's origin."""
+    out = np.empty(v.size)
+    y = 0.0
+    for s in range(ints.shape[0]):
+        code = ints[s, 2]
+        if code < n0:
+            c = init_compliance[code]
+        elif code == n0:
+            c = 1.0 / floats[s, 2]
+        else:
+            c = rest_compliance[code - n0 - 1]
+        begin = floats[s, 0]
+        base = y - c * begin
+        for i in range(ints[s, 0], ints[s, 1]):
+            out[i] = base + c * v[i]
+        y += c * (floats[s, 1] - begin)
+    return out
+
+
+@numba.njit(cache=True, boundscheck=False)
+def turning_points(v, dead_band):
+    """Samples at which the drive turns, ignoring reversals up to the dead band.
+
+    The first entry is the first sample; the others are the extremes. Shape (m,).
+    """
+    n = v.size
+    capacity = 64
+    found = np.empty(capacity, np.int64)
+    found[0] = 0
+    count = 1
+    high = low = 0
+    direction = 0
+    i = 1
+    while i < n:
+        if direction > 0:
+            i = _run_end(v, i, True) if v[i] >= v[high] else i
+        elif direction < 0:
+            i = _run_end(v, i, False) if v[i] <= v[low] else i
+        x = v[i]
+        if direction >= 0 and x > v[high]:
+            high = i
+        if direction <= 0 and x < v[low]:
+            low = i
+        turned = -1
+        if direction > 0 and v[high] - x > dead_band:
+            turned = high
+            direction = -1
+            low = i
+        elif direction < 0 and x - v[low] > dead_band:
+            turned = low
+            direction = 1
+            high = i
+        elif direction == 0 and x - v[low] > dead_band:
+            direction = 1
+            high = i
+        elif direction == 0 and v[high] - x > dead_band:
+            direction = -1
+            low = i
+        if turned > 0:
+            if count == capacity:
+                found = np.concatenate((found, np.empty(capacity, np.int64)))
+                capacity *= 2
+            found[count] = turned
+            count += 1
+        i += 1
+    return found[:count]

@@ -1,0 +1,155 @@
+"""A model: the ordered stages of a signal chain, and where they came from."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from piezo_rig.chain.branches import Branches
+from piezo_rig.chain.half_loops import half_loops
+from piezo_rig.chain.maxwell import Maxwell
+from piezo_rig.chain.stage import PLACES, Signal, Stage
+from piezo_rig.errors import InputError
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Model:
+    """Stages in the order of the chain; exactly one of them is `maxwell`.
+
+    Attributes
+    ----------
+    stages : in order of place: drive, actuator, sensor, acquisition
+    provenance : plain data: runs and their hashes, what was held out, scheme, software version
+    name : the named model it is, as in ``range``
+    """
+
+    stages: tuple[Stage, ...]
+    provenance: dict[str, Any] = field(default_factory=dict)
+    name: str = ""
+
+    def __post_init__(self) -> None:
+        if sum(isinstance(s, Maxwell) for s in self.stages) != 1:
+            raise InputError("model-stage", "a model needs exactly one stage `maxwell`")
+        places = [PLACES.index(s.place) for s in self.stages]
+        if places != sorted(places):
+            raise InputError("model-stage", f"stages are not in the order {', '.join(PLACES)}")
+
+    @property
+    def maxwell(self) -> Maxwell:
+        return next(s for s in self.stages if isinstance(s, Maxwell))
+
+    def stage(self, id: str) -> Stage | None:
+        """The first stage with that id, or None."""
+        return next((s for s in self.stages if s.id == id), None)
+
+    def with_(self, **changes: Any) -> Model:
+        return replace(self, **changes)
+
+    def with_stage(self, stage: Stage) -> Model:
+        """The model with a stage put in at its place, in the place of one with the same id."""
+        kept = [s for s in self.stages if s.id != stage.id]
+        after = [s for s in kept if PLACES.index(s.place) > PLACES.index(stage.place)]
+        return self.with_(stages=(*kept[: len(kept) - len(after)], stage, *after))
+
+    def branches(self) -> Branches:
+        """The kernel's branches after every stage has shaped them."""
+        branches = self.maxwell.branches()
+        for stage in self.stages:
+            branches = stage.shape(branches)
+        return branches
+
+    def check(self) -> None:
+        """Raise InputError when a stage's numbers cannot be right."""
+        for stage in self.stages:
+            stage.check()
+        law = bool(self.branches().laws)
+        for stage in self.stages:
+            if stage.elements is not None:
+                stage.elements.check(f"stage {stage.id}", law and isinstance(stage, Maxwell))
+
+    def simulate(
+        self,
+        time_s: FloatArray,
+        drive_v: FloatArray,
+        history: str = "virgin",
+        free_end: bool = False,
+    ) -> FloatArray:
+        """What the sensor would show of a drive.
+
+        Stages locked to the clock (hum, drift, jumps) are left out.
+
+        Parameters
+        ----------
+        time_s, drive_v : shape (n,)
+        history : ``virgin``: the memory is empty at the first sample. ``unknown`` and
+            ``carried``: the drive is taken to have been played once before from a virgin
+            start, so that its largest excursion is remembered already.
+        free_end : leave sensor and acquisition stages out
+
+        Returns
+        -------
+        displacement in um, shape (n,), 0 at the first sample
+        """
+        time, drive = _checked(time_s, drive_v)
+        if drive.size == 0:
+            return np.empty(0)
+        if history not in ("virgin", "carried", "unknown"):
+            raise InputError("history", f"history {history!r} is not virgin, carried or unknown")
+        before = 0
+        if history != "virgin":
+            drive = _preceded(drive)
+            before = drive.size - time.size
+            step = float(np.median(np.diff(time))) if time.size > 1 else 1.0
+            time = np.concatenate([time[0] - step * np.arange(before, 0, -1), time])
+        signal = self._play(time, drive, free_end)
+        displacement = signal.displacement_um[before:]
+        return displacement - displacement[0]
+
+    def _play(self, time: FloatArray, drive: FloatArray, free_end: bool) -> Signal:
+        signal = Signal(time, drive, np.zeros(0))
+        active = [s for s in self.stages if s.locked_to == "drive"]
+        for stage in active:
+            if stage.place == "drive":
+                signal = stage.act(signal)
+        drive = np.ascontiguousarray(signal.drive_v)
+        signal = signal.with_(displacement_um=self.branches().displacement(drive))
+        for stage in active:
+            if stage.place == "actuator" or (stage.place != "drive" and not free_end):
+                signal = stage.act(signal)
+        return signal
+
+
+def _preceded(drive: FloatArray) -> FloatArray:
+    """The drive with its own turning points played before it, from the smaller extreme."""
+    loops = half_loops(drive)
+    turns = drive[np.append(loops.start, drive.size - 1)]
+    low, high = float(np.min(turns)), float(np.max(turns))
+    ends = [0.0, low, high, low] if low >= 0 else [0.0, high, low, high]
+    return np.concatenate([ends, [drive[0]], drive])
+
+
+def _checked(time_s: FloatArray, drive_v: FloatArray) -> tuple[FloatArray, FloatArray]:
+    time = np.ascontiguousarray(time_s, dtype=float)
+    drive = np.ascontiguousarray(drive_v, dtype=float)
+    if time.ndim != 1 or time.shape != drive.shape:
+        raise InputError(
+            "unequal-lengths",
+            f"time has shape {time.shape}, drive {drive.shape}",
+            "a column is cut short",
+            "give one drive value for every time",
+        )
+    if not np.isfinite(drive.sum()):
+        bad = np.flatnonzero(~np.isfinite(drive))
+        if bad.size:
+            raise InputError(
+                "not-a-number",
+                f"the drive is not a number at sample {bad[0]} ({bad.size} in all)",
+                "a gap in the recording",
+                "cut the gap out, or interpolate it",
+            )
+    return time, drive

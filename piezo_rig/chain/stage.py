@@ -1,0 +1,113 @@
+"""A stage: one piece of physics at one place in the signal chain.
+
+A stage acts in one of two ways. It shapes the branches of the Maxwell kernel
+(`shape`: own elements for the first rise, a law for the first spring), or it
+acts on the signal itself (`act`: the drive before the actuator, the
+displacement at and after it). Both default to nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from piezo_rig.chain.branches import Branches
+from piezo_rig.chain.elements import Elements
+from piezo_rig.errors import InputError
+
+FloatArray = NDArray[np.float64]
+PLACES = ("drive", "actuator", "sensor", "acquisition")
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A value with its unit and, where known, its 95 % interval."""
+
+    value: float
+    unit: str
+    ci95: tuple[float, float] | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Signal:
+    """What travels along the chain; all of shape (n,).
+
+    ``drive_v`` is the drive on the actuator, ``displacement_um`` what has become of it so far.
+    """
+
+    time_s: FloatArray
+    drive_v: FloatArray
+    displacement_um: FloatArray
+
+    def with_(self, **changes: FloatArray) -> Signal:
+        return replace(self, **changes)
+
+
+@dataclass(frozen=True, eq=False)
+class Stage:
+    """Base of every stage.
+
+    Class attributes
+    ----------------
+    id : stable name, one of the catalogue's for a cause
+    place : ``drive``, ``actuator``, ``sensor`` or ``acquisition``
+    locked_to : ``drive`` (repeats with the drive) or ``clock`` (left out of simulations)
+    units : its parameters and their units, in order
+    has_elements : whether it carries an element table
+    """
+
+    id: ClassVar[str] = ""
+    place: ClassVar[str] = "actuator"
+    locked_to: ClassVar[str] = "drive"
+    units: ClassVar[Mapping[str, str]] = {}
+    has_elements: ClassVar[bool] = False
+
+    parameters: dict[str, Parameter] = field(default_factory=dict)
+    elements: Elements | None = None
+
+    @classmethod
+    def of(cls, elements: Elements | None = None, **values: float) -> Stage:
+        """A stage from plain numbers in the units of the class."""
+        return cls({k: Parameter(float(v), cls.units[k]) for k, v in values.items()}, elements)
+
+    def __getitem__(self, name: str) -> float:
+        """Value of one parameter."""
+        return self.parameters[name].value
+
+    def with_values(self, **values: float) -> Stage:
+        """The same stage with other values; intervals are dropped."""
+        merged = {k: p.value for k, p in self.parameters.items()} | values
+        return type(self).of(self.elements, **merged)
+
+    def shape(self, branches: Branches) -> Branches:
+        """What the stage makes of the kernel's branches."""
+        return branches
+
+    def act(self, signal: Signal) -> Signal:
+        """What the stage makes of the signal at its place."""
+        return signal
+
+    def check(self) -> None:
+        """Raise InputError when the stage's numbers cannot be right."""
+        missing = set(self.units) - set(self.parameters)
+        if missing or (self.has_elements and self.elements is None):
+            raise InputError(
+                "model-stage",
+                f"stage {self.id}: {', '.join(sorted(missing)) or 'the element table'} is missing",
+                "the model file is damaged or was written by hand",
+                "identify the model again, or complete the file",
+            )
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data for a model file."""
+        out: dict[str, Any] = {"id": self.id, "place": self.place, "parameters": {}}
+        for name, p in self.parameters.items():
+            ci95 = None if p.ci95 is None else [float(x) for x in p.ci95]
+            out["parameters"][name] = {"value": float(p.value), "unit": p.unit, "ci95": ci95}
+        if self.elements is not None:
+            out["elements"] = self.elements.to_rows()
+        return out

@@ -1,0 +1,88 @@
+"""The command line: parses, composes, prints, nothing else.
+
+Each verb is one file in ``piezo_rig/commands``. Their parsers are cheap;
+whatever is heavy is imported by the verb when it runs, so that ``--help``
+answers at once.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import os
+import sys
+import tempfile
+from collections.abc import Sequence
+from typing import Any
+
+from piezo_rig import __version__
+from piezo_rig.errors import ABORTED, BAD_INPUT, InputError, PiezoRigError
+
+VERBS = ("plan", "run", "bench", "show", "verify")
+
+
+class _Parser(argparse.ArgumentParser):
+    """argparse's complaints in the shape of every other error."""
+
+    def error(self, message: str) -> Any:
+        raise InputError(
+            "usage", f"{self.prog}: {message}", "a slip on the command line",
+            f"see '{self.prog} --help'",
+        )
+
+
+def build_parser() -> argparse.ArgumentParser:
+    """The parser with all verbs."""
+    parser = _Parser(
+        prog="piezo-rig",
+        description="Plays protocols on a piezo bench, identifies hysteresis models, and names "
+        "what the model gets wrong and why.",
+    )
+    parser.add_argument("--version", action="version", version=f"piezo-rig {__version__}")
+    verbs = parser.add_subparsers(dest="verb", metavar="VERB", parser_class=_Parser)
+    for name in VERBS:
+        module = importlib.import_module(f"piezo_rig.commands.{name}")
+        sub = verbs.add_parser(name, help=module.HELP, description=module.__doc__)
+        module.add_arguments(sub)
+        sub.set_defaults(execute=module.execute)
+    return parser
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run one verb; returns the exit status."""
+    try:
+        parser = build_parser()
+        args = parser.parse_args(argv)
+        if not args.verb:
+            parser.print_help()
+            return BAD_INPUT
+        status = int(args.execute(args))
+        sys.stdout.flush()
+        return status
+    except PiezoRigError as error:
+        print(error.block(), file=sys.stderr)
+        return error.exit_status
+    except KeyboardInterrupt:
+        print("error[aborted]: stopped by the operator", file=sys.stderr)
+        return ABORTED
+    except BrokenPipeError:
+        # Whoever read our output has gone; say nothing more, not even while shutting down.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return BAD_INPUT
+    except Exception as error:  # the last net: a technician never sees a traceback
+        print(_internal(error), file=sys.stderr)
+        return BAD_INPUT
+
+
+def _internal(error: Exception) -> str:
+    import traceback
+
+    with tempfile.NamedTemporaryFile(
+        "w", prefix="piezo-rig-", suffix=".log", delete=False, encoding="utf-8"
+    ) as handle:
+        traceback.print_exception(error, file=handle)
+    return (
+        f"error[internal]: {type(error).__name__}: {error}\n"
+        "  cause: a fault in piezo-rig, or input that nobody thought of\n"
+        f"  do:    report it with the file {handle.name}"
+    )

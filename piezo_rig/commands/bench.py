@@ -1,0 +1,57 @@
+"""Serves the simulated instruments and prints their addresses; any SCPI client may talk to them."""
+
+from __future__ import annotations
+
+import argparse
+
+HELP = "serve the simulated instruments"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--rig", metavar="CONFIG", default=None,
+                        help="the config whose [plant] is simulated; default: the simulated bench")
+    parser.add_argument("--clock", choices=("real", "virtual"), default="real",
+                        help="virtual: waiting for a burst takes no time")
+    parser.add_argument("--record", metavar="FILE.csv",
+                        help="the plant's own record of the stack: time_s,stack_v")
+    parser.add_argument("--config-out", metavar="RIG.toml",
+                        help="write a rig config that points to these instruments")
+
+
+def execute(args: argparse.Namespace) -> int:
+    import signal
+    import threading
+    from contextlib import ExitStack
+    from pathlib import Path
+
+    from drivers.clock import RealClock, VirtualClock
+    from drivers.simulated.bench import SimulatedBench
+    from piezo_rig.bench import simulated_plant
+    from piezo_rig.config import DEFAULT_RIG, load_rig
+
+    rig = load_rig(args.rig or DEFAULT_RIG)
+    clock = VirtualClock(follow_wall=True) if args.clock == "virtual" else RealClock()
+    stop = threading.Event()
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, lambda *_: stop.set())
+    with ExitStack() as stack:
+        plant = simulated_plant(rig)
+        if args.record:
+            stack.enter_context(_recording(plant, Path(args.record), clock))
+        bench = stack.enter_context(SimulatedBench(plant, clock))
+        for name, address in bench.addresses.items():
+            print(f"{name}: {address}", flush=True)
+        if args.config_out:
+            path = Path(args.config_out)
+            path.write_text(_config(rig.text, bench.addresses, args.clock), encoding="utf-8")
+            print(f"config: {path}", flush=True)
+        print(f"serving on a {args.clock} clock; Ctrl-C ends it", flush=True)
+        stop.wait()
+    return 0
+
+
+def _config(text: str, addresses: dict[str, str], clock: str) -> str:
+    """The rig's config, pointing to these servers instead of starting its own."""
+    from piezo_rig.commands.rig_text import served_rig
+
+    return served_rig(text, addresses, clock)

@@ -1,0 +1,55 @@
+"""What a recording's file name says: condition, sensitivity switch, repeat.
+
+The thesis's names are ``0-65 sense3 test 1.lvm`` and ``5-75-5 Step5 sense3 test 1.lvm``.
+What is neither a sensitivity nor a repeat stays in the condition's name, so that two
+conditions are never taken for repeats of each other.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+
+_SENSE = re.compile(r"(?<![A-Za-z0-9])sens(?:e|itivity)?[ _-]?(\d{1,6})(?![\d.,]*\d)", re.I)
+_REPEAT = re.compile(r"(?<![A-Za-z0-9])(?:test|repeat|rep|run)[ _-]?(\d{1,6})(?!\d)", re.I)
+_SPAN = re.compile(r"(-?\d{1,4}(?:\.\d{1,3})?)\s?V?\s?[-–]\s?(-?\d{1,4}(?:\.\d{1,3})?)\s?V?(?=$|[ _])")
+
+
+@dataclass(frozen=True)
+class NameSays:
+    """The parts of a file's name.
+
+    Attributes
+    ----------
+    condition : what is left of the name without sensitivity and repeat
+    repeat : 1-based, None where the name does not say
+    switch : position of the sensitivity switch as written, None where the name does not say
+    span_v : lower and upper drive of a condition such as ``75-65``, else None
+    """
+
+    condition: str
+    repeat: int | None = None
+    switch: int | None = None
+    span_v: tuple[float, float] | None = None
+
+
+def parse_name(stem: str) -> NameSays:
+    """What a file name without its extension says."""
+    sense = _SENSE.search(stem)
+    rest = stem if sense is None else stem[: sense.start()] + " " + stem[sense.end() :]
+    repeat = _REPEAT.search(rest)
+    if repeat is not None:
+        rest = rest[: repeat.start()] + " " + rest[repeat.end() :]
+    condition = re.sub(r"[ ]{2,}", " ", rest).strip(" _-.,") or stem.strip() or "recording"
+    number = int(repeat[1]) if repeat is not None else 0
+    span = _SPAN.match(condition)
+    return NameSays(
+        condition=condition,
+        repeat=number if number >= 1 else None,
+        switch=int(sense[1]) if sense is not None else None,
+        span_v=None if span is None else _ordered(float(span[1]), float(span[2])),
+    )
+
+
+def _ordered(a: float, b: float) -> tuple[float, float]:
+    return (a, b) if a <= b else (b, a)

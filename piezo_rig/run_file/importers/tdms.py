@@ -1,0 +1,224 @@
+"""LabVIEW's binary recordings (.tdms), through nptdms.
+
+nptdms is kept on a leash: it reads from memory, never from an index file that happens
+to lie beside the recording, and a file that makes it work longer, or claim more
+samples, than its size can justify is refused.
+"""
+
+from __future__ import annotations
+
+import io
+import logging
+import math
+import time
+import warnings as python_warnings
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from piezo_rig.errors import InputError
+from piezo_rig.run_file.importers.guards import read_bytes, refuse_mislabelled
+from piezo_rig.run_file.importers.recording import Column, Recording
+from piezo_rig.run_file.importers.words import is_time
+from piezo_rig.run_file.sweep import FloatArray
+
+CODE = "import-tdms"
+_SECONDS_AT_LEAST = 3.0
+_BYTES_PER_SECOND = 1_000_000
+_MOST_SCALES = 100
+_MOST_CHANNELS = 2000
+
+
+def read_tdms(path: Path) -> list[Recording]:
+    """The channels of a TDMS file that hold numbers, of all its groups, as one recording.
+
+    Raises
+    ------
+    InputError : not a TDMS file, no channel with numbers in it, or damaged
+    """
+    data = read_bytes(path)
+    refuse_mislabelled(path, data, own=b"TDSm")
+    if not data.startswith(b"TDSm"):
+        raise InputError(
+            CODE,
+            f"{path}: is not a TDMS file",
+            cause="it does not begin with the mark TDSm: the wrong extension, or damage",
+            remedy="copy it again from the computer that recorded it",
+        )
+    file = _PatientFile(data)
+    with _guarded(path) as complaints:
+        channels = _channels(path, file)
+    if not channels:
+        raise InputError(
+            CODE,
+            f"{path}: holds no channel with numbers in it",
+            cause="the recording was stopped at once, or the file was cut off",
+        )
+    return [
+        Recording(
+            path=path,
+            kind="tdms",
+            columns=tuple(_column(path, channel, channels) for channel in channels),
+            load=partial(_load, path, file, channels),
+            where=lambda sample: f"sample {sample}",
+            positional=True,
+            warnings=_told(complaints),
+        )
+    ]
+
+
+class _PatientFile(io.BytesIO):
+    """Bytes that can be read for as long as their number justifies."""
+
+    def __init__(self, data: bytes) -> None:
+        super().__init__(data)
+        self.length = len(data)
+        self.rest()
+
+    def rest(self) -> None:
+        self.until = time.monotonic() + _SECONDS_AT_LEAST + self.length / _BYTES_PER_SECOND
+
+    def _check(self) -> None:
+        if time.monotonic() > self.until:
+            raise TimeoutError("reading it takes far longer than its size explains")
+
+    def read(self, size: int | None = -1, /) -> bytes:
+        self._check()
+        return super().read(size)
+
+    def readinto(self, buffer: Any, /) -> int:
+        self._check()
+        return super().readinto(buffer)
+
+
+@contextmanager
+def _guarded(path: Path) -> Iterator[list[str]]:
+    """Turn whatever nptdms raises into one error, and what it logs into a list."""
+    from nptdms.log import log_manager
+
+    complaints: list[str] = []
+    console, level = log_manager.console_handler, log_manager.console_handler.level
+    handler = logging.Handler(logging.WARNING)
+    handler.emit = lambda record: complaints.append(record.getMessage())  # type: ignore[method-assign]
+    logger = logging.getLogger("nptdms")
+    logger.addHandler(handler)
+    console.setLevel(logging.CRITICAL + 1)
+    try:
+        with python_warnings.catch_warnings(), np.errstate(all="ignore"):
+            python_warnings.simplefilter("ignore")
+            yield complaints
+    except InputError:
+        raise
+    except (Exception, MemoryError) as failure:
+        raise InputError(
+            CODE,
+            f"{path}: cannot be read as a TDMS file",
+            cause=f"it is damaged or cut off ({str(failure)[:200] or type(failure).__name__})",
+            remedy="copy it again from the computer that recorded it",
+        ) from failure
+    finally:
+        console.setLevel(level)
+        logger.removeHandler(handler)
+
+
+def _channels(path: Path, file: _PatientFile) -> list[Any]:
+    from nptdms import TdmsFile
+
+    channels: list[Any] = []
+    for group in TdmsFile.open(file).groups():
+        for channel in group.channels():
+            if len(channel) > file.length:
+                raise InputError(
+                    CODE,
+                    f"{path}: channel {channel.name[:60]!r} claims {len(channel)} samples, "
+                    f"more than the {file.length} bytes of the file can hold",
+                    cause="a damaged header",
+                )
+            _refuse_endless_scaling(path, channel)
+            if len(channel) and channel.dtype is not None and channel.dtype.kind in "fiuM":
+                channels.append(channel)
+            if len(channels) > _MOST_CHANNELS:
+                raise InputError(CODE, f"{path}: has more than {_MOST_CHANNELS} channels")
+    return channels
+
+
+def _refuse_endless_scaling(path: Path, channel: Any) -> None:
+    for key, value in channel.properties.items():
+        counts = key.startswith("NI_") and key.endswith(("_Size", "Number_Of_Scales"))
+        if counts and not 0 <= int(value) <= _MOST_SCALES:
+            raise InputError(
+                CODE,
+                f"{path}: channel {channel.name[:60]!r} has {key} = {value}",
+                cause="a damaged header",
+            )
+
+
+def _column(path: Path, channel: Any, channels: list[Any]) -> Column:
+    """A channel with the waveform properties that place it in time."""
+    group = channel.group_name
+    own_time = channel.dtype.kind == "M" or is_time(channel.name)
+    times = [
+        i
+        for i, other in enumerate(channels)
+        if other.group_name == group and (other.dtype.kind == "M" or is_time(other.name))
+    ]
+    properties = channel.properties
+    step = _property(path, channel, "wf_increment")
+    return Column(
+        name=channel.name,
+        group=group,
+        is_time=own_time,
+        time_column=times[0] if times and not own_time else None,
+        step_s=step if step is not None and step > 0 else None,
+        first_s=_property(path, channel, "wf_start_offset") or 0.0,
+        stamp=_stamp(properties.get("wf_start_time")),
+    )
+
+
+def _property(path: Path, channel: Any, key: str) -> float | None:
+    value = channel.properties.get(key)
+    if value is None:
+        return None
+    if isinstance(value, (int, float, np.number)) and math.isfinite(value) and abs(value) < 1e12:
+        return float(value)
+    raise InputError(
+        CODE,
+        f"{path}: {key} of channel {channel.name[:60]!r} is {str(value)[:40]!r}",
+        cause="a damaged header",
+    )
+
+
+def _stamp(value: object) -> float | None:
+    """``wf_start_time``, which is UTC, as seconds since 1970; None where it is not set."""
+    if not isinstance(value, np.datetime64) or np.isnat(value):
+        return None
+    seconds = float((value - np.datetime64(0, "s")) / np.timedelta64(1, "ns")) * 1e-9
+    return seconds if seconds > 0 else None
+
+
+def _load(
+    path: Path, file: _PatientFile, channels: list[Any], columns: Sequence[int]
+) -> list[FloatArray]:
+    arrays = []
+    with _guarded(path):
+        for column in columns:
+            file.rest()
+            values = np.asarray(channels[column][:])
+            if values.dtype.kind == "M":
+                values = (values - np.datetime64(0, "s")) / np.timedelta64(1, "ns") * 1e-9
+            arrays.append(np.ascontiguousarray(values, dtype=np.float64))
+    return arrays
+
+
+def _told(complaints: list[str]) -> list[str]:
+    """What nptdms complained of, in the words of this program, once each."""
+    told = []
+    for text in complaints:
+        if "less data than expected" in text or "not a multiple" in text or "incomplete" in text:
+            text = "the file was cut off: its last part is shorter than announced"
+        told.append(text if len(text) < 200 else text[:200])
+    return list(dict.fromkeys(told))[:5]

@@ -1,0 +1,226 @@
+"""Plays a Plan on a Bench into a run.
+
+    connect -> rest -> ( recover -> play -> store )* -> rest -> closed
+
+Whatever happens on the way, the last things that are done are: the stack goes
+to rest, and the run file is closed with everything that was recorded.
+"""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from pathlib import Path
+from types import FrameType
+
+from piezo_rig import __version__
+from piezo_rig.bench import Bench
+from piezo_rig.errors import Aborted, LimitError, PiezoRigError
+from piezo_rig.protocol import Plan, PlannedSweep
+from piezo_rig.run_file.layout import RunHeader, SweepHeader
+from piezo_rig.run_file.writer import RunWriter
+
+Tell = Callable[[str], None]
+
+
+@dataclass
+class Wire:
+    """Carries bytes from the transports to the run; keeps those that come before it exists."""
+
+    writer: RunWriter | None = None
+    clock_now: Callable[[], float] = lambda: 0.0
+    _early: list[tuple[float, str, str, bytes]] = field(default_factory=list)
+
+    def __call__(self, instrument: str, direction: str, data: bytes) -> None:
+        record = (self.clock_now(), instrument, direction, bytes(data))
+        if self.writer is None:
+            self._early.append(record)
+        else:
+            self.writer.wire(*record)
+
+    def attach(self, writer: RunWriter) -> None:
+        self.writer = writer
+        for record in self._early:
+            writer.wire(*record)
+        self._early.clear()
+
+
+def new_run_path(folder: Path, name: str, now: datetime | None = None) -> Path:
+    """A name that no file has: ``folder/NAME_20260131T120000Z.h5``."""
+    stamp = (now or datetime.now(UTC)).strftime("%Y%m%dT%H%M%SZ")
+    stem = "".join(c if c.isalnum() or c in "-_" else "_" for c in name)
+    for extra in range(1000):
+        path = folder / (f"{stem}_{stamp}.h5" if not extra else f"{stem}_{stamp}-{extra}.h5")
+        if not any(folder.glob(path.stem + ".*")):
+            return path
+    raise LimitError("run-name", f"no free name for a run in {folder}", "a thousand runs a second",
+                     "wait a second")
+
+
+def play(
+    plan: Plan, bench: Bench, path: Path, wire: Wire, tell: Tell = lambda text: None,
+) -> Path:
+    """Play every sweep of a plan; returns the run.
+
+    Parameters
+    ----------
+    plan, bench : what, and on what
+    path : the run file to be made
+    wire : the observer that the bench's transports were opened with
+    tell : takes one line of progress
+
+    Raises
+    ------
+    LimitError : a REAL bench (refused until the guard exists)
+    BenchError, Aborted : with ``piezo`` filled in; what was recorded is in the run
+    """
+    if bench.origin == "REAL":
+        error = LimitError(
+            "bench-real", "this bench is REAL, and this version plays simulated benches only",
+            "without a guard process a killed program could leave 75 V on the stack",
+            "use the simulated bench; real ones are opened by the release that has the guard",
+        )
+        error.piezo = bench.piezo()
+        raise error
+    writer = RunWriter(path, run_header(plan, bench), [sweep_header(plan, s) for s in plan.sweeps])
+    wire.clock_now = bench.clock.now
+    wire.attach(writer)
+    with _signals_as_errors():
+        try:
+            _play_all(plan, bench, writer, tell)
+        except PiezoRigError as error:
+            _make_safe(bench, writer, error)
+            raise
+        except BaseException:
+            _make_safe(bench, writer, None)
+            raise
+    return writer.finish()
+
+
+def _play_all(plan: Plan, bench: Bench, writer: RunWriter, tell: Tell) -> None:
+    clock = bench.clock
+    writer.log(clock.now(), "connected", origin=bench.origin)
+    moved = bench.rest()
+    writer.log(clock.now(), "at rest", **{k: round(v, 3) for k, v in moved.items()})
+    left = plan.duration_s
+    for index, sweep in enumerate(plan.sweeps):
+        tell(_status(plan, index, sweep, left))
+        if sweep.history == "virgin" and bench.rig.recovery_s > 0:
+            clock.sleep(bench.rig.recovery_s)
+            left -= bench.rig.recovery_s
+        writer.log(clock.now(), "playing", sweep=sweep.name, condition=sweep.condition.name,
+                   repeat=sweep.repeat)
+        recorded = bench.play(sweep.name, sweep.wave, plan.sample_rate)
+        writer.write_sweep(
+            index, sweep.wave.command_v, recorded.sensor_v, recorded.monitor_v,
+            recorded.start_time,
+        )
+        left -= sweep.samples / plan.sample_rate
+    moved = bench.rest()
+    writer.log(clock.now(), "finished", stack_v=round(moved["to_v"], 3))
+
+
+def _make_safe(bench: Bench, writer: RunWriter, error: PiezoRigError | None) -> None:
+    """Rest first, then the file; a failure of either does not hide the error that led here."""
+    with suppress(PiezoRigError):
+        if bench.touched:
+            moved = bench.rest()
+            writer.log(bench.clock.now(), "made safe", **{k: round(v, 3) for k, v in moved.items()})
+    if error is not None:
+        error.piezo = error.piezo or bench.piezo()
+        with suppress(PiezoRigError):
+            writer.log(bench.clock.now(), "error", code=error.code, what=error.what)
+    kept = writer.part
+    with suppress(PiezoRigError):
+        kept = writer.finish()
+    with suppress(PiezoRigError):
+        writer.release()
+    if error is not None:
+        error.remedy = (error.remedy + "; " if error.remedy else "") + f"what was recorded: {kept}"
+
+
+def _status(plan: Plan, index: int, sweep: PlannedSweep, left_s: float) -> str:
+    minutes, seconds = divmod(max(0, round(left_s)), 60)
+    return (
+        f"sweep {index + 1} of {len(plan.sweeps)}: {sweep.condition.name}, repeat "
+        f"{sweep.repeat}; {minutes} min {seconds:02d} s of bench time left"
+    )
+
+
+@contextmanager
+def _signals_as_errors() -> Iterator[None]:
+    """Ctrl-C, SIGTERM and a closed terminal end the run in order, once; later ones wait."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    told = False
+
+    def stop(number: int, frame: FrameType | None) -> None:
+        nonlocal told
+        if told:
+            return
+        told = True
+        raise Aborted(
+            "aborted", f"stopped by {signal.Signals(number).name}", "the operator or the system",
+            "start the run again",
+        )
+
+    numbers = [signal.SIGINT, signal.SIGTERM, signal.SIGHUP]
+    before = [signal.signal(n, stop) for n in numbers]
+    try:
+        yield
+    finally:
+        for number, handler in zip(numbers, before, strict=True):
+            signal.signal(number, handler)
+
+
+def run_header(plan: Plan, bench: Bench) -> RunHeader:
+    """What the run file says about itself."""
+    rig = plan.rig
+    stack = rig.actuator
+    return RunHeader(
+        title=plan.protocol.name, origin=bench.origin, protocol_text=plan.protocol.text,
+        plan_hash=plan.hash, rig_config=rig.text, operator=rig.operator,
+        actuator={
+            "model": stack.model, "serial": stack.serial, "mounting": stack.mounting,
+            "capacitance_f": stack.capacitance_f,
+        },
+        start_time=datetime.now(UTC).isoformat(timespec="seconds"),
+        clock_start=bench.clock.now(), software_version=__version__, git_revision=git_revision(),
+        instruments=bench.instruments, monitor=bool(rig.digitizer.monitor_channel),
+        calibrations={
+            rig.amplifier_calibration.path: rig.amplifier_calibration.sha256,
+            rig.interferometer_calibration.path: rig.interferometer_calibration.sha256,
+        },
+    )
+
+
+def sweep_header(plan: Plan, sweep: PlannedSweep) -> SweepHeader:
+    """The attributes of one sweep that are known before it is played."""
+    rig = plan.rig
+    return SweepHeader(
+        name=sweep.name, samples=sweep.samples, sample_rate=plan.sample_rate, gain=rig.gain,
+        offset_v=rig.offset_v, sensitivity_um_per_v=rig.sensitivity_um_per_v,
+        polarity=rig.polarity, condition=sweep.condition.name, repeat=sweep.repeat,
+        history=sweep.history, oversampling=rig.digitizer.oversampling,
+        details=dict(sweep.condition.details),
+    )
+
+
+def git_revision() -> str:
+    """The revision of the checkout that runs, empty outside one."""
+    package = Path(__file__).resolve().parent
+    if not (package.parent / ".git").exists():
+        return ""
+    try:
+        return subprocess.run(
+            ["git", "-C", str(package.parent), "rev-parse", "HEAD"],
+            capture_output=True, text=True, timeout=5, check=True,
+        ).stdout.strip()
+    except (OSError, subprocess.SubprocessError):
+        return ""

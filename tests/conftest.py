@@ -1,0 +1,19 @@
+"""What tests share: where the reference data is, and the simulated rig."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+
+CHECKOUT = Path(__file__).resolve().parent.parent
+
+
+@pytest.fixture(scope="session")
+def shared() -> Path:
+    """The reference data beside the checkout; a user's clone does not have it."""
+    folder = Path(os.environ.get("PIEZO_RIG_SHARED", CHECKOUT.parent / "shared"))
+    if not folder.is_dir():
+        pytest.skip("the reference data is not here")
+    return folder

@@ -1,0 +1,19 @@
+#!/usr/bin/env bash
+# Builds the wheel, installs it into a fresh environment outside the checkout, and plays a
+# shipped protocol in an empty folder.
+set -euo pipefail
+checkout=$(cd "$(dirname "$0")/../.." && pwd)
+scratch=$(mktemp -d)
+trap 'rm -rf "$scratch"' EXIT
+"${BUILD:-python3}" -m build --quiet --wheel --outdir "$scratch/dist" "$checkout" >"$scratch/build.log" 2>&1 \
+    || { cat "$scratch/build.log"; exit 1; }
+"${PYTHON:-python3.11}" -m venv "$scratch/venv"
+"$scratch/venv/bin/python" -m pip install --quiet --disable-pip-version-check \
+    -c "$checkout/constraints.txt" "$scratch"/dist/*.whl
+mkdir "$scratch/empty"
+cd "$scratch/empty"
+"$scratch/venv/bin/piezo-rig" run quick_look | tee "$scratch/said"
+tail -n 3 "$scratch/said" | while IFS=': ' read -r what path; do
+    test -s "$path" || { echo "wheel: $what is missing: $path"; exit 1; }
+done
+echo "wheel: works in an empty folder"
