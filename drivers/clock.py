@@ -58,3 +58,29 @@ class VirtualClock:
         """Jump forward to ``instant``; never back."""
         with self._lock:
             self._ahead += max(0.0, instant - self._now())
+
+
+class BenchClock:
+    """The clock of a simulated bench in another process, asked over its clock port.
+
+    ``address`` is a ``TCPIP::host::port::SOCKET`` as `piezo-rig bench` prints it.
+    """
+
+    def __init__(self, address: str, timeout_s: float = 10.0) -> None:
+        from drivers.scpi_instrument import ScpiInstrument
+        from drivers.transport import open_transport
+
+        self._link = ScpiInstrument(open_transport(address, "bench clock", timeout_s))
+        self._link.connect(("bench clock",))
+
+    def now(self) -> float:
+        return float(self._link.query("CLOCK:TIME?"))
+
+    def sleep(self, seconds: float) -> None:
+        if seconds > 0:
+            usual = self._link.transport.timeout_s
+            # On a real clock the answer takes as long as the sleep.
+            self._link.query(f"CLOCK:SLEEP {seconds:.9g};:CLOCK:TIME?", timeout_s=seconds + usual)
+
+    def close(self) -> None:
+        self._link.close()

@@ -215,23 +215,38 @@ class KeysightL4532A:
     def _await_record(self, channels: list[int], count: int, timeout_s: float) -> None:
         deadline = self._clock.now() + timeout_s
         last = max(0, count - RECORD_STEP)
-        while True:
-            tail = self._fetch_block(channels, last, count - last)
-            if not np.any(np.abs(tail) > _NO_DATA_LEVEL):
-                return
+        while not self._is_recorded(channels, last, count - last):
             if self._clock.now() >= deadline:
                 break
             self._clock.sleep(_POLL_S)
-        head = self._fetch_block(channels, 0, min(count, RECORD_STEP))
-        if np.any(np.abs(head) > _NO_DATA_LEVEL):
-            raise InstrumentError(
-                "instrument-no-trigger",
-                self._link.name,
-                f"nothing was recorded within {timeout_s:g} s",
-                "no trigger came: the cable from the waveform DAC's trigger output to the "
-                "external trigger input is missing, or the slope is wrong",
-                "connect it and run again",
-            )
+        else:
+            return
+        if not self._is_recorded(channels, 0, min(count, RECORD_STEP)):
+            raise self._no_trigger(timeout_s)
+
+    def _is_recorded(self, channels: list[int], offset: int, size: int) -> bool:
+        """Whether these samples are there; every way of saying no means no."""
+        try:
+            samples = self._fetch_block(channels, offset, size)
+        except InstrumentError as error:
+            if error.code == "instrument-timeout":
+                # Alive but without an answer: it has nothing to send.
+                self._link.recover()
+                return False
+            if error.code in ("instrument-block", "instrument-error-queue"):
+                return False
+            raise
+        return not bool(np.any(np.abs(samples) > _NO_DATA_LEVEL))
+
+    def _no_trigger(self, timeout_s: float) -> InstrumentError:
+        return InstrumentError(
+            "instrument-no-trigger",
+            self._link.name,
+            f"nothing was recorded within {timeout_s:g} s",
+            "no trigger came: the cable from the waveform DAC's trigger output to the "
+            "external trigger input is missing, or the slope is wrong",
+            "connect it and run again",
+        )
 
     def _fetch_block(self, channels: list[int], offset: int, size: int) -> NDArray[np.float64]:
         """(channels, size) volts; the instrument interleaves the channels."""
@@ -291,7 +306,9 @@ _SETTINGS = (
 
 def _is_real_32(answer: str) -> bool:
     kind, _, bits = answer.replace('"', "").partition(",")
-    return same_word("REAL", kind) and (not bits or same_number(32, bits)) or answer.strip() == "32"
+    if answer.strip().lstrip("+") == "32":
+        return True
+    return same_word("REAL", kind) and (not bits or same_number(32, bits))
 
 
 def _of_channel(header: str, channel: int, text: str, number: float | None = None) -> Setting:

@@ -73,7 +73,7 @@ class SiosSPS120:
         when the answer is no; ValueError for a position that does not exist.
         """
         if not 0 <= position < len(self._table):
-            raise ValueError(f"sensitivity switch {position}; there are 0 to {len(self._table) - 1}")
+            raise ValueError(f"sensitivity switch {position}: 0 to {len(self._table) - 1}")
         if position != self._position:
             question = (
                 f"Is the interferometer's sensitivity switch at {position} "

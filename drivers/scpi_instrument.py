@@ -157,7 +157,7 @@ class ScpiInstrument:
                     parser.feed(self.transport.read_exactly(parser.needed))
             except ScpiSyntaxError as error:
                 raise InstrumentError(
-                    "instrument-block", self.name, f"{message!r} was not answered by a block: {error}"
+                    "instrument-block", self.name, f"{message!r} answered no block: {error}"
                 ) from error
             trailer = self.transport.read_line()
             if trailer.strip():
@@ -193,12 +193,12 @@ class ScpiInstrument:
             errors = []
             if failure.code == "instrument-timeout":
                 with contextlib.suppress(InstrumentError):
-                    errors = self._recover()
+                    errors = self.recover()
             if errors:
                 raise self._error_queue(said, errors) from failure
             raise
         wrong = [
-            f"{setting.query.rstrip('?')} was asked to be {setting.asked}, answered {answer.strip()}"
+            f"{setting.query}: asked {setting.asked}, answered {answer.strip()}"
             for setting, answer in zip(settings, answers, strict=False)
             if not setting.agrees(answer)
         ]
@@ -255,7 +255,7 @@ class ScpiInstrument:
     def _line(self, timeout_s: float | None = None) -> Iterator[None]:
         """One exchange: fresh line before it, marked stale when it breaks off."""
         if self._stale:
-            self._recover()
+            self.recover()
         usual = self.transport.timeout_s
         self.transport.timeout_s = usual if timeout_s is None else timeout_s
         try:
@@ -269,8 +269,8 @@ class ScpiInstrument:
         finally:
             self.transport.timeout_s = usual
 
-    def _recover(self) -> list[ErrorEntry]:
-        """Open the line afresh and make sure of who answers; what the queue held."""
+    def recover(self) -> list[ErrorEntry]:
+        """Open the line afresh and make sure of who answers; what the error queue held."""
         self._stale = False
         try:
             self.transport.reopen()

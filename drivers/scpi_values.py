@@ -110,7 +110,9 @@ def format_number(value: float, decimals: int = 14) -> str:
 # ------------------------------------------------------ do two values agree
 
 
-def same_number(asked: float, answered: str, relative: float = 1e-4, absolute: float = 5e-4) -> bool:
+def same_number(
+    asked: float, answered: str, relative: float = 1e-4, absolute: float = 5e-4
+) -> bool:
     """Whether an answer is the number asked for; infinities of any kind are alike."""
     try:
         value = parse_number(unquote(answered))

@@ -266,9 +266,11 @@ class VisaTransport(_BufferedTransport):
     def _visa_read(self, count: int, deadline: float) -> bytes:
         import pyvisa
 
-        self._resource.timeout = max(1, int(1000 * (deadline - time.monotonic())))
+        if self._socket is None:  # otherwise the bytes are already here
+            self._resource.timeout = max(1, int(1000 * (deadline - time.monotonic())))
         try:
-            data, status = self._library.read(self._session, count)
+            with self._resource.ignore_warning(pyvisa.constants.StatusCode.success_max_count_read):
+                data, _ = self._library.read(self._session, count)
         except pyvisa.errors.VisaIOError as error:
             if error.error_code == pyvisa.constants.StatusCode.error_timeout:
                 raise self._timed_out() from error

@@ -40,18 +40,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.clock import Clock
+from drivers.dac_codes import (
+    FULL_SCALE,
+    MEMORY_POINTS,
+    SMALLEST_SPAN_V,
+    checked_codes,
+    fitted_codes,
+)
 from drivers.errors import InstrumentError
 from drivers.identity import Identity
+from drivers.output_state import OWN_PREFIX, REST_NAME, OutputState
 from drivers.scpi_instrument import ScpiInstrument, Setting
-from drivers.scpi_values import INFINITE, arb_name, parse_boolean, parse_number, same_word
+from drivers.scpi_values import INFINITE
 from drivers.transport import Transport
 
-MEMORY_POINTS = 1_000_000
-FULL_SCALE = 32767
 STEP_V = 0.02
-NARROW_V = 0.010
-REST_NAME = "PZREST"
-_PREFIX = "PZ"  # marks the waveforms whose first point this driver vouches for
+NARROW_V = SMALLEST_SPAN_V
 _TOLERANCE_V = 1e-3
 _MARGIN_S = 5.0
 
@@ -87,68 +91,10 @@ class WaveformDac(Protocol):
     def close(self) -> None: ...
 
 
-class Found:
-    """What the generator was doing when it was looked at."""
-
-    QUERIES: dict[str, str] = {
-        "output": "OUTP1?",
-        "load": "OUTP1:LOAD?",
-        "function": "SOUR1:FUNC?",
-        "arb": "SOUR1:FUNC:ARB?",
-        "sample_rate": "SOUR1:FUNC:ARB:SRAT?",
-        "high": "SOUR1:VOLT:HIGH?",
-        "low": "SOUR1:VOLT:LOW?",
-        "offset": "SOUR1:VOLT:OFFS?",
-        "burst": "SOUR1:BURS:STAT?",
-        "burst_mode": "SOUR1:BURS:MODE?",
-        "cycles": "SOUR1:BURS:NCYC?",
-        "trigger": "TRIG1:SOUR?",
-    }
-
-    def __init__(self, answers: list[str]) -> None:
-        said = dict(zip(self.QUERIES, answers, strict=True))
-        self.on = parse_boolean(said["output"])
-        load = parse_number(said["load"], {"INFinity": INFINITE})
-        # Levels are told for the load setting; the amplifier's input is a high impedance.
-        self.scale = 1.0 if load > 1e30 else (load + 50.0) / load
-        self.function = said["function"]
-        self.arb = said["arb"]
-        self.sample_rate = parse_number(said["sample_rate"])
-        self.high, self.low, self.offset = (
-            self.scale * parse_number(said[key]) for key in ("high", "low", "offset")
-        )
-        self.cycles = parse_number(said["cycles"])
-        self.is_dc = self.function.strip('"').upper() == "DC"
-        idles = (
-            parse_boolean(said["burst"])
-            and same_word("TRIG", said["burst_mode"])
-            and same_word("BUS", said["trigger"])
-            and self.cycles < 1e6
-        )
-        name = arb_name(self.arb)
-        # The rest waveform stays within NARROW_V of LOW whether it is burst or not.
-        ours = (idles and name.startswith(_PREFIX)) or name == REST_NAME
-        self.is_ours = same_word("ARB", self.function) and ours
-
-    @property
-    def level(self) -> float | None:
-        """Volts on the terminals between bursts; None when they cannot be told."""
-        if not self.on:
-            return 0.0
-        if self.is_dc:
-            return self.offset
-        return self.low if self.is_ours else None
-
-    def describe(self) -> str:
-        state = "on" if self.on else "off"
-        arb = f" {self.arb}" if same_word("ARB", self.function) else ""
-        return f"output {state}, {self.function}{arb}, {self.low:g} to {self.high:g} V"
-
-
 class Keysight33500B:
     """A 33500B series generator on a `Transport`. Never tried on hardware."""
 
-    MODELS = ("335", "336", "EDU335")
+    MODELS = ("335", "336")
 
     def __init__(self, transport: Transport) -> None:
         self._link = ScpiInstrument(transport)
@@ -171,10 +117,10 @@ class Keysight33500B:
 
     # ------------------------------------------------------------------ levels
 
-    def _look(self) -> Found:
-        answers = self._link.query_all(*Found.QUERIES.values())
+    def _look(self) -> OutputState:
+        answers = self._link.query_all(*OutputState.QUERIES.values())
         try:
-            return Found(answers)
+            return OutputState(answers)
         except ValueError as error:
             raise InstrumentError(
                 "instrument-garbage", self._link.name, f"settings read back as {answers}: {error}"
@@ -227,11 +173,11 @@ class Keysight33500B:
         to_v = self.output_level()
         if abs(to_v - rest_v) > 2 * _TOLERANCE_V:
             raise InstrumentError(
-                "instrument-setting", self._link.name, f"rest is {rest_v:g} V, reads back {to_v:g} V"
+                "instrument-setting", self._link.name, f"rest is {rest_v:g} V, not {to_v:g} V"
             )
         return {"from_v": from_v, "to_v": to_v, "duration_s": clock.now() - begun}
 
-    def _refuse(self, found: Found) -> InstrumentError:
+    def _refuse(self, found: OutputState) -> InstrumentError:
         return InstrumentError(
             "bench-refused",
             self._link.name,
@@ -240,10 +186,10 @@ class Keysight33500B:
             "ramp it to a constant level by hand (FUNC DC) and try again",
         )
 
-    def _longest_burst(self, found: Found) -> float:
+    def _longest_burst(self, found: OutputState) -> float:
         return found.cycles * MEMORY_POINTS / max(found.sample_rate, 1.0)
 
-    def _prepare_rest(self, found: Found, level_v: float) -> None:
+    def _prepare_rest(self, found: OutputState, level_v: float) -> None:
         """An idle burst of the rest waveform at ``level_v``, output untouched."""
         self._link.apply(Setting.number("OUTP1:LOAD", INFINITE))
         self._link.apply(Setting.word("FORM:BORD", "SWAP"))
@@ -283,7 +229,7 @@ class Keysight33500B:
             Setting.switch("OUTP:TRIG", True),
         )
 
-    def _narrow_dc(self, found: Found, slew_v_per_s: float, clock: Clock) -> None:
+    def _narrow_dc(self, found: OutputState, slew_v_per_s: float, clock: Clock) -> None:
         """Shrink the amplitude that DC remembers, in steps that move the offset little.
 
         LOW and HIGH are moved in turn; each moves the offset by half its own step.
@@ -297,7 +243,7 @@ class Keysight33500B:
             self._link.apply(Setting.number("SOUR1:VOLT:HIGH", high))
             clock.sleep(STEP_V / slew_v_per_s)
 
-    def _pull_in(self, found: Found) -> None:
+    def _pull_in(self, found: OutputState) -> None:
         """HIGH to just above LOW: LOW, which is the output between bursts, stays."""
         if found.high - found.low > NARROW_V + _TOLERANCE_V:
             self._link.apply(
@@ -307,10 +253,9 @@ class Keysight33500B:
 
     def _ramp(self, from_v: float, to_v: float, slew_v_per_s: float, clock: Clock) -> None:
         steps = max(1, int(np.ceil(abs(to_v - from_v) / STEP_V - 1e-9)))
-        begun = clock.now()
         for step in range(1, steps + 1):
-            due = begun + abs(to_v - from_v) * step / steps / slew_v_per_s
-            clock.sleep(due - clock.now())
+            # A full wait before every step: time lost elsewhere is never made good by haste.
+            clock.sleep(abs(to_v - from_v) / steps / slew_v_per_s)
             value = from_v + (to_v - from_v) * step / steps
             self._link.apply(Setting.number("SOUR1:VOLT:OFFS", value))
 
@@ -336,14 +281,7 @@ class Keysight33500B:
 
         ValueError for a waveform that does not begin and end at rest.
         """
-        codes = np.ascontiguousarray(codes, dtype=np.int16)
-        if not 8 <= codes.size <= MEMORY_POINTS:
-            raise ValueError(f"{codes.size} points; the memory takes 8 to {MEMORY_POINTS}")
-        if codes[0] != -FULL_SCALE or codes[-1] != -FULL_SCALE:
-            raise ValueError("a waveform begins and ends at rest, code -32767")
-        if codes.min() < -FULL_SCALE:
-            raise ValueError("code -32768 is below full scale")
-        codes, high_v = _fitted(codes, low_v, high_v)
+        codes, high_v = fitted_codes(checked_codes(codes), low_v, high_v)
         found = self._look()
         if found.level is None or not found.on:
             raise self._refuse(found)
@@ -382,7 +320,7 @@ class Keysight33500B:
 
     def _free_name(self, name: str) -> str:
         """At most 12 characters, beginning with the mark, unused."""
-        stem = (_PREFIX + re.sub(r"\W|_", "", name.upper(), flags=re.ASCII))[:12]
+        stem = (OWN_PREFIX + re.sub(r"\W|_", "", name.upper(), flags=re.ASCII))[:12]
         taken = {*self._uploaded.values(), REST_NAME}
         number = 0
         candidate = stem
@@ -410,7 +348,7 @@ class Keysight33500B:
 
     def settings(self) -> dict[str, str]:
         """Every setting this driver relies on, query -> answer as it came."""
-        queries = [*Found.QUERIES.values(), *_MORE_SETTINGS]
+        queries = [*OutputState.QUERIES.values(), *_MORE_SETTINGS]
         return dict(zip(queries, self._link.query_all(*queries), strict=True))
 
 
@@ -421,24 +359,3 @@ def _unchanged(header: str, value: float) -> Setting:
     """Reads back a setting that must not have moved, without sending it."""
     watched = Setting.number(header, value, absolute=_TOLERANCE_V)
     return Setting("", watched.query, watched.asked, watched.agrees)
-
-
-def _fitted(
-    codes: NDArray[np.int16], low_v: float, high_v: float
-) -> tuple[NDArray[np.int16], float]:
-    """The same volts, spanning the converter on at least the span that can be set.
-
-    The generator limits the amplitude of waveforms that do not span its converter.
-    """
-    if high_v < low_v:
-        raise ValueError(f"high {high_v:g} V is below low {low_v:g} V")
-    top = int(codes.max())
-    if top == -FULL_SCALE:
-        return codes, low_v + NARROW_V
-    peak_v = low_v + (high_v - low_v) * (top + FULL_SCALE) / (2 * FULL_SCALE)
-    span_v = max(peak_v - low_v, NARROW_V)
-    stretch = (high_v - low_v) / span_v
-    if stretch == 1.0:
-        return codes, high_v
-    stretched = np.rint((codes.astype(float) + FULL_SCALE) * stretch) - FULL_SCALE
-    return stretched.astype(np.int16), low_v + span_v

@@ -18,7 +18,16 @@ from typing import Any
 from piezo_rig import __version__
 from piezo_rig.errors import ABORTED, BAD_INPUT, InputError, PiezoRigError
 
-VERBS = ("plan", "run", "bench", "show", "verify")
+# verb -> the file in piezo_rig/commands that does it
+VERBS = {
+    "plan": "plan",
+    "run": "run",
+    "import": "import_recordings",
+    "simulate": "simulate",
+    "bench": "bench",
+    "show": "show",
+    "verify": "verify",
+}
 
 
 class _Parser(argparse.ArgumentParser):
@@ -40,8 +49,8 @@ def build_parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--version", action="version", version=f"piezo-rig {__version__}")
     verbs = parser.add_subparsers(dest="verb", metavar="VERB", parser_class=_Parser)
-    for name in VERBS:
-        module = importlib.import_module(f"piezo_rig.commands.{name}")
+    for name, file in VERBS.items():
+        module = importlib.import_module(f"piezo_rig.commands.{file}")
         sub = verbs.add_parser(name, help=module.HELP, description=module.__doc__)
         module.add_arguments(sub)
         sub.set_defaults(execute=module.execute)

@@ -11,7 +11,11 @@ from pathlib import Path
 
 from piezo_rig.errors import InputError
 
-_SUFFIX = {"protocols": ".toml", "configs": ".toml", "calibration": ".toml"}
+_SUFFIXES = {
+    "protocols": (".toml",),
+    "configs": (".toml",),
+    "calibration": (".toml", ".json"),
+}
 
 
 def shipped_folder(kind: str) -> Path:
@@ -23,7 +27,8 @@ def shipped_folder(kind: str) -> Path:
 
 def shipped_names(kind: str) -> list[str]:
     """Names of the shipped files of one kind, without their suffix."""
-    return sorted(p.stem for p in shipped_folder(kind).glob("*" + _SUFFIX[kind]))
+    folder = shipped_folder(kind)
+    return sorted(p.stem for suffix in _SUFFIXES[kind] for p in folder.glob("*" + suffix))
 
 
 def find(kind: str, name: str, beside: Path | None = None) -> Path:
@@ -45,7 +50,8 @@ def find(kind: str, name: str, beside: Path | None = None) -> Path:
         candidates.append(beside / given)
     if given.parent == Path("."):
         shipped = shipped_folder(kind) / given.name
-        candidates += [shipped, shipped.with_name(given.name + _SUFFIX[kind])]
+        candidates += [shipped]
+        candidates += [shipped.with_name(given.name + suffix) for suffix in _SUFFIXES[kind]]
     for candidate in candidates:
         if candidate.is_file():
             return candidate

@@ -20,6 +20,7 @@ from drivers.simulated.scpi_device import Faults, ScpiDevice, ScpiError, pass_un
 from drivers.simulated.wiring import Wiring
 
 _MEMORY_POINTS = 1_000_000
+_ASCII_POINTS = 65_536
 _FULL_SCALE = 32767
 _SOURCE_OHM = 50.0
 _OPEN_LIMIT_V = 10.0
@@ -30,6 +31,7 @@ _FUNCTIONS = (
     "SINusoid", "SQUare", "TRIangle", "RAMP", "PULSe", "PRBS", "NOISe", "ARBitrary", "DC",
 )  # fmt: skip
 _BUILT_IN = "EXP_RISE"
+_ON_TERMINALS = ("output", "function", "burst", "trigger", "sample_rate", "frequency", "polarity")
 
 
 class SimulatedKeysight33500B(ScpiDevice):
@@ -88,8 +90,8 @@ class SimulatedKeysight33500B(ScpiDevice):
         self.on("TRIGger[1][:SEQuence][:IMMediate]", set=self._trigger)
         self.on("*TRG", set=self._bus_trigger)
         data = f"{source}DATA"
-        self.on(f"{data}:ARBitrary[1]:DAC", set=self._store_codes)
-        self.on(f"{data}:ARBitrary[1]", set=self._store_fractions)
+        self.on(f"{data}:ARBitrary[1]:DAC", set=self._store_codes, most=_MEMORY_POINTS)
+        self.on(f"{data}:ARBitrary[1]", set=self._store_fractions, most=_MEMORY_POINTS)
         self.on(f"{data}:VOLatile:CLEar", set=self._clear_memory)
         self.on(f"{data}:VOLatile:FREE", get=lambda unit: f"+{self._free_points()}")
         self.on(f"{data}:VOLatile:CATalog", get=self._tell_catalogue)
@@ -228,31 +230,29 @@ class SimulatedKeysight33500B(ScpiDevice):
         return _MEMORY_POINTS - sum(codes.size for codes in self._arbs.values())
 
     def _store_codes(self, unit: Unit) -> None:
-        name = self._new_name(unit)
-        first = unit.arguments[1] if len(unit.arguments) > 1 else b""
-        if first[:1] == b"#":
-            payload = block_argument(first)
-            if len(payload) % 2:
-                raise ScpiSyntaxError(-161, "Invalid block data")
-            order = "<i2" if self.state["border"] == "SWAP" else ">i2"
-            values = np.frombuffer(payload, order).astype(np.int32)
-        else:
-            values = np.array([parse_number(unit.text(i)) for i in range(1, len(unit.arguments))])
+        name, values = self._new_name(unit), self._values(unit, "i2")
         if values.size and (values.min() < -_FULL_SCALE - 1 or values.max() > _FULL_SCALE):
             raise ScpiError(-222, "Data out of range")
         self._store(name, values.astype(np.int16))
 
     def _store_fractions(self, unit: Unit) -> None:
-        name = self._new_name(unit)
-        first = unit.arguments[1] if len(unit.arguments) > 1 else b""
-        if first[:1] == b"#":
-            order = "<f4" if self.state["border"] == "SWAP" else ">f4"
-            values = np.frombuffer(block_argument(first), order).astype(float)
-        else:
-            values = np.array([parse_number(unit.text(i)) for i in range(1, len(unit.arguments))])
+        name, values = self._new_name(unit), self._values(unit, "f4")
         if values.size and np.abs(values).max() > 1.0:
             raise ScpiError(-222, "Data out of range")
         self._store(name, np.rint(values * _FULL_SCALE).astype(np.int16))
+
+    def _values(self, unit: Unit, kind: str) -> NDArray[np.float64]:
+        """The points after the name: one block, or numbers as text."""
+        unit.text(1)
+        if unit.arguments[1][:1] != b"#":
+            if len(unit.arguments) > _ASCII_POINTS + 1:
+                raise ScpiError(-223, "Too much data")
+            return np.array([parse_number(unit.text(i)) for i in range(1, len(unit.arguments))])
+        payload = block_argument(unit.arguments[1])
+        order = "<" if self.state["border"] == "SWAP" else ">"
+        if len(payload) % np.dtype(kind).itemsize:
+            raise ScpiSyntaxError(-161, "Invalid block data")
+        return np.frombuffer(payload, order + kind).astype(float)
 
     def _new_name(self, unit: Unit) -> str:
         name = arb_name(unit.text(0))
@@ -265,6 +265,8 @@ class SimulatedKeysight33500B(ScpiDevice):
     def _store(self, name: str, codes: NDArray[np.int16]) -> None:
         if codes.size < 8:
             raise ScpiError(-222, "Data out of range; arb has fewer than 8 points")
+        if codes.size > _MEMORY_POINTS:
+            raise ScpiError(-223, "Too much data")
         if codes.size > self._free_points():
             raise ScpiError(781, "Not enough memory to store new arb waveform")
         self._arbs[name] = codes
@@ -302,7 +304,7 @@ class SimulatedKeysight33500B(ScpiDevice):
     def changed(self, key: str) -> None:
         if key in ("function", "burst"):
             self._check_burst(key)
-        if key in ("output", "function", "burst", "trigger", "sample_rate", "frequency", "polarity"):
+        if key in _ON_TERMINALS:
             self._put_out()
 
     def _check_burst(self, key: str) -> None:

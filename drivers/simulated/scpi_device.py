@@ -8,6 +8,8 @@ what it accepts, strict in the rules for compound headers.
 from __future__ import annotations
 
 import asyncio
+import inspect
+import re
 from collections.abc import Awaitable, Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -26,11 +28,11 @@ from drivers.scpi import (
 from drivers.scpi_values import format_number, parse_boolean, parse_number, parse_word
 
 Answer = str | bytes
-Setter = Callable[[Unit], None]
+Setter = Callable[[Unit], Awaitable[None] | None]
 Getter = Callable[[Unit], Answer | Awaitable[Answer]]
 Faults = Mapping[str, Any]
 
-_ON_THE_SPOT_S = 0.002
+_HEADER = re.compile(r"\*?[A-Z][A-Z0-9_:]*")
 
 
 class ScpiError(Exception):
@@ -46,6 +48,7 @@ class Command:
     pattern: str
     set: Setter | None = None
     get: Getter | None = None
+    most: int = 1  # arguments that it takes
 
 
 async def pass_until(clock: Clock, instant: float) -> None:
@@ -95,7 +98,8 @@ class ScpiDevice:
                     self.report(error.entry)
                     continue
                 if answer is not None:
-                    answers.append(answer if isinstance(answer, bytes) else answer.encode("latin-1"))
+                    raw = answer if isinstance(answer, bytes) else answer.encode("latin-1")
+                    answers.append(raw)
         except ScpiSyntaxError as error:
             # The parser gives up on the rest of the message.
             self.report(ErrorEntry(error.code, error.text))
@@ -104,17 +108,20 @@ class ScpiDevice:
     async def _execute_unit(self, unit: Unit) -> Answer | None:
         command = self._find(unit.header)
         action = None if command is None else (command.get if unit.query else command.set)
+        if not _HEADER.fullmatch(unit.header):
+            raise ScpiSyntaxError(-102, "Syntax error")
         if command is None or action is None:
             raise ScpiSyntaxError(-113, "Undefined header")
-        if unit.query:
-            result = action(unit)
-            return result if isinstance(result, str | bytes) else await result  # type: ignore[misc]
-        ignored = (self._find(header.upper()) for header in self.faults.get("setting_not_taken", ()))
-        if not any(command is other for other in ignored):
-            done = action(unit)
-            if done is not None:
-                await done  # type: ignore[misc]
-        return None
+        if len(unit.arguments) > command.most:
+            raise ScpiSyntaxError(-108, "Parameter not allowed")
+        if not unit.query:
+            swallowed = self.faults.get("setting_not_taken", ())
+            if any(command is self._find(header.upper()) for header in swallowed):
+                return None
+        result: Any = action(unit)
+        if inspect.isawaitable(result):
+            result = await result
+        return result if unit.query else None
 
     def _find(self, header: str) -> Command | None:
         if header not in self._found:
@@ -129,9 +136,16 @@ class ScpiDevice:
 
     # ------------------------------------------------------------ declarations
 
-    def on(self, pattern: str, *, set: Setter | None = None, get: Getter | None = None) -> None:
-        """Declare a command by what sets it and what answers its query."""
-        self._commands.append(Command(pattern, set, get))
+    def on(
+        self,
+        pattern: str,
+        *,
+        set: Setter | None = None,
+        get: Getter | None = None,
+        most: int = 1,
+    ) -> None:
+        """Declare a command: what sets it, what answers its query, its most arguments."""
+        self._commands.append(Command(pattern, set, get, most))
 
     def switch(self, key: str, pattern: str, default: bool) -> None:
         """Declare an ON/OFF setting, kept in ``state[key]``."""
@@ -158,9 +172,7 @@ class ScpiDevice:
 
         self.on(pattern, set=change, get=lambda unit: str(self.state[key]))
 
-    def number(
-        self, key: str, pattern: str, default: float, lowest: float, highest: float
-    ) -> None:
+    def number(self, key: str, pattern: str, default: float, lowest: float, highest: float) -> None:
         """Declare a number within limits; beyond them it is clipped, with error -222."""
         self._defaults[key] = self.state[key] = default
         words = {"MINimum": lowest, "MAXimum": highest, "DEFault": default}

@@ -1,13 +1,13 @@
 """The one Maxwell / Prandtl-Ishlinskii kernel, compiled.
 
-Everything that walks a drive sample by sample lives here; nothing else in the
-program imports numba, and this module is imported only when a walk is asked
-for, so that `--help` does not wait for it. It knows volts, distances and
+Everything that walks a drive sample by sample lives here. It is imported only
+when a walk is asked
+for, so that `--help` does not wait for it (identification has its own compiled sums). It knows volts, distances and
 indices. What a spring or a law is, it does not know.
 
 A walk cuts the drive into *segments*: stretches on one band of one branch.
 Displacement is continuous and its slope is constant on a segment, so a walk
-is all that simulation (`fill`) and least squares (`accumulate`) need.
+is all that simulation (`fill`) and least squares need.
 
 Memory follows Madelung's rules. The stack holds the turning points that are
 still remembered, outermost first. The branch from the last of them ends at
@@ -35,15 +35,29 @@ def _run_end(v, i, up):
     n = v.size
     while True:
         if i + 65 <= n:
-            bad = False
+            # a view whose indices start at 0: the compiler turns this into vector code
+            w = v[i : i + 65]
+            good = 0
             if up:
-                for k in range(i, i + 64):
-                    bad |= v[k + 1] < v[k]
+                for k in range(64):
+                    good += w[k + 1] >= w[k]
             else:
-                for k in range(i, i + 64):
-                    bad |= v[k + 1] > v[k]
-            if not bad:
+                for k in range(64):
+                    good += w[k + 1] <= w[k]
+            if good == 64:
                 i += 64
+                continue
+        if i + 17 <= n:
+            w = v[i : i + 17]
+            good = 0
+            if up:
+                for k in range(16):
+                    good += w[k + 1] >= w[k]
+            else:
+                for k in range(16):
+                    good += w[k + 1] <= w[k]
+            if good == 16:
+                i += 16
                 continue
         if up:
             while i + 1 < n and v[i + 1] >= v[i]:
@@ -212,8 +226,10 @@ def fill(v, ints, floats, n0, init_compliance, rest_compliance):
             c = rest_compliance[code - n0 - 1]
         begin = floats[s, 0]
         base = y - c * begin
-        for i in range(ints[s, 0], ints[s, 1]):
-            out[i] = base + c * v[i]
+        piece = out[ints[s, 0] : ints[s, 1]]
+        drive = v[ints[s, 0] : ints[s, 1]]
+        for k in range(drive.size):
+            piece[k] = base + c * drive[k]
         y += c * (floats[s, 1] - begin)
     return out
 

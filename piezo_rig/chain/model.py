@@ -100,6 +100,10 @@ class Model:
             return np.empty(0)
         if history not in ("virgin", "carried", "unknown"):
             raise InputError("history", f"history {history!r} is not virgin, carried or unknown")
+        active = [s for s in self.stages if s.locked_to == "drive"]
+        if history != "virgin" or any(s.units or s.place == "drive" for s in active):
+            if not np.all(np.isfinite(drive)):
+                _refuse_gaps(drive)
         before = 0
         if history != "virgin":
             drive = _preceded(drive)
@@ -108,7 +112,10 @@ class Model:
             time = np.concatenate([time[0] - step * np.arange(before, 0, -1), time])
         signal = self._play(time, drive, free_end)
         displacement = signal.displacement_um[before:]
-        return displacement - displacement[0]
+        # one bad sample makes all that follow it bad: looking at the last is enough
+        if not np.isfinite(displacement[-1]):
+            _refuse_gaps(drive[before:])
+        return displacement if displacement[0] == 0.0 else displacement - displacement[0]
 
     def _play(self, time: FloatArray, drive: FloatArray, free_end: bool) -> Signal:
         signal = Signal(time, drive, np.zeros(0))
@@ -143,13 +150,14 @@ def _checked(time_s: FloatArray, drive_v: FloatArray) -> tuple[FloatArray, Float
             "a column is cut short",
             "give one drive value for every time",
         )
-    if not np.isfinite(drive.sum()):
-        bad = np.flatnonzero(~np.isfinite(drive))
-        if bad.size:
-            raise InputError(
-                "not-a-number",
-                f"the drive is not a number at sample {bad[0]} ({bad.size} in all)",
-                "a gap in the recording",
-                "cut the gap out, or interpolate it",
-            )
     return time, drive
+
+
+def _refuse_gaps(drive: FloatArray) -> None:
+    bad = np.flatnonzero(~np.isfinite(drive))
+    raise InputError(
+        "not-a-number",
+        f"the drive is not a number at sample {bad[0] if bad.size else 0} ({bad.size} in all)",
+        "a gap in the recording",
+        "cut the gap out, or interpolate it",
+    )

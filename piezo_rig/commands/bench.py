@@ -27,6 +27,7 @@ def execute(args: argparse.Namespace) -> int:
     from drivers.clock import RealClock, VirtualClock
     from drivers.simulated.bench import SimulatedBench
     from piezo_rig.bench import simulated_plant
+    from piezo_rig.commands.rig_text import served_rig
     from piezo_rig.config import DEFAULT_RIG, load_rig
 
     rig = load_rig(args.rig or DEFAULT_RIG)
@@ -43,15 +44,8 @@ def execute(args: argparse.Namespace) -> int:
             print(f"{name}: {address}", flush=True)
         if args.config_out:
             path = Path(args.config_out)
-            path.write_text(_config(rig.text, bench.addresses, args.clock), encoding="utf-8")
+            path.write_text(served_rig(rig.text, bench.addresses, args.clock), encoding="utf-8")
             print(f"config: {path}", flush=True)
         print(f"serving on a {args.clock} clock; Ctrl-C ends it", flush=True)
         stop.wait()
     return 0
-
-
-def _config(text: str, addresses: dict[str, str], clock: str) -> str:
-    """The rig's config, pointing to these servers instead of starting its own."""
-    from piezo_rig.commands.rig_text import served_rig
-
-    return served_rig(text, addresses, clock)

@@ -85,6 +85,7 @@ def record(plan: Plan, rig: Rig, folder: Path) -> Path:
 
     from piezo_rig.bench import open_bench
     from piezo_rig.commands.console import Progress, seconds
+    from piezo_rig.errors import PiezoRigError
     from piezo_rig.runner import Wire, new_run_path, play
 
     wire = Wire()
@@ -99,6 +100,9 @@ def record(plan: Plan, rig: Rig, folder: Path) -> Path:
             begun = time.monotonic()
             path = play(plan, bench, new_run_path(folder, plan.protocol.name), wire, progress)
             took = time.monotonic() - begun
+    except PiezoRigError as error:
+        error.piezo = error.piezo or "not touched; nothing was sent that moves it"
+        raise
     finally:
         progress.close()
     print(f"played {plan.samples} samples in {took:.1f} s, "

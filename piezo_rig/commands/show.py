@@ -25,11 +25,14 @@ def execute(args: argparse.Namespace) -> int:
     texts = run.texts
     print(f"run       {run.path}")
     print(f"title     {texts.get('title', '')}")
-    print(f"origin    {run.origin}, started {texts.get('start_time', '?')}, "
-          f"{'complete' if run.complete else 'INCOMPLETE'}")
+    started = f", started {texts['start_time']}" if "start_time" in texts else ""
+    print(f"origin    {run.origin}{started}, {'complete' if run.complete else 'INCOMPLETE'}")
     print(f"software  {texts.get('software_version', '?')} {texts.get('git_revision', '')}".rstrip())
-    print(f"plan      {texts.get('plan_hash', '')[:16]}")
-    if run.origin != "IMPORTED":
+    if run.origin == "IMPORTED":
+        for note in texts.get("notes", "").splitlines():
+            print(f"noted     {note}")
+    else:
+        print(f"plan      {texts.get('plan_hash', '')[:16]}")
         actuator = run.actuator()
         print("actuator  " + ", ".join(f"{k} {v}" for k, v in actuator.items() if v != ""))
         for name, record in run.instruments().items():

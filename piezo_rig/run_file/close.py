@@ -9,6 +9,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 
+from piezo_rig.run_file.disk import sync
 from piezo_rig.run_file.layout import PART_SUFFIX
 
 
@@ -39,11 +40,11 @@ def close_part(part: Path, path: Path) -> Path:
             entry[name].attrs["start_time"] = float(book["start_time"][index])
         entry.attrs["complete"] = bool(np.all(valid > 0))
         entry.attrs["planned_sweeps"] = len(names)
-        _write_loop(entry)
+        write_loop(entry)
         f.flush()
-    _sync(draft)
+    sync(draft)
     os.replace(draft, path)
-    _sync(path.parent)
+    sync(path.parent)
     part.unlink()
     return path
 
@@ -77,7 +78,7 @@ def _in_use(part: Path) -> bool:
     return False
 
 
-def _write_loop(entry: h5py.Group) -> None:
+def write_loop(entry: h5py.Group) -> None:
     """The default plot: displacement over drive of the sweep with the largest drive near 65 V.
 
     The thesis validates on 0-65 V; where that condition was not played, the sweep with the
@@ -89,9 +90,7 @@ def _write_loop(entry: h5py.Group) -> None:
 
     def span(name: str) -> float:
         group = entry[name]
-        return float(
-            group.attrs.get("condition_upper_v", 0.0) - group.attrs.get("condition_lower_v", 0.0)
-        )
+        return abs(float(group.attrs["gain"])) * float(np.ptp(group["command_v"][...]))
 
     chosen = next((n for n in names if entry[n].attrs["condition"] == "0-65"), None)
     group = entry[chosen or max(names, key=span)]
@@ -111,11 +110,3 @@ def _write_loop(entry: h5py.Group) -> None:
     ):
         dataset = loop.create_dataset(name, data=np.asarray(values, dtype=np.float64))
         dataset.attrs.update(units=units, long_name=label)
-
-
-def _sync(path: Path) -> None:
-    descriptor = os.open(path, os.O_RDONLY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)

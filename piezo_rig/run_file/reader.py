@@ -95,6 +95,8 @@ class Run:
     def events(self) -> list[dict[str, Any]]:
         """The event log."""
         with self._open() as entry:
+            if "event_log" not in entry:  # imported
+                return []
             text = entry["event_log"][...].tobytes().decode()
             return [json.loads(line) for line in text.splitlines()]
 
@@ -104,12 +106,14 @@ class Run:
             return {
                 name: {k: _plain(v) for k, v in group.attrs.items()}
                 | {"settings": json.loads(_plain(group["settings"][()]))}
-                for name, group in entry["instrument"].items()
+                for name, group in entry.get("instrument", {}).items()
             }
 
     def actuator(self) -> dict[str, Any]:
         with self._open() as entry:
-            return {k: _plain(v) for k, v in entry["sample"].attrs.items() if k != "NX_class"}
+            sample = entry.get("sample")
+            attributes = {} if sample is None else dict(sample.attrs)
+            return {k: _plain(v) for k, v in attributes.items() if k != "NX_class"}
 
 
 def _plain(value: Any) -> Any:

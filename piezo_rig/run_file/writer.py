@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import fcntl
 import json
-import os
 import struct
 from collections.abc import Sequence
 from pathlib import Path
@@ -22,6 +21,7 @@ from numpy.typing import ArrayLike
 
 from piezo_rig.errors import BenchError
 from piezo_rig.run_file.close import close_part
+from piezo_rig.run_file.disk import sync
 from piezo_rig.run_file.layout import (
     CHUNK,
     DETAIL_PREFIX,
@@ -197,7 +197,7 @@ class RunWriter:
 
     def _flush(self) -> None:
         self._file.flush()
-        _sync(self.part)
+        sync(self.part)
 
     def finish(self) -> Path:
         """Close the run and give it its final name; what was not played is left out."""
@@ -247,11 +247,3 @@ def _text(group: h5py.Group, name: str, text: str) -> None:
     group.create_dataset(
         name, data=data, dtype=h5py.string_dtype("utf-8", max(1, len(data)))
     )
-
-
-def _sync(path: Path) -> None:
-    descriptor = os.open(path, os.O_RDONLY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)

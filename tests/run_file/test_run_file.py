@@ -7,7 +7,6 @@ import shutil
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import h5py
@@ -277,13 +276,12 @@ def test_a_full_disk_is_named_and_what_was_stored_is_kept(tmp_path, monkeypatch)
     def full(*_):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("piezo_rig.run_file.writer._sync", full)
+    monkeypatch.setattr("piezo_rig.run_file.writer.sync", full)
     with pytest.raises(BenchError) as caught:
         writer.write_sweep(1, command, sensor, drive, 1.0)
     assert caught.value.code == "disk-full"
     assert str(writer.part) in caught.value.remedy
     monkeypatch.undo()
     writer.release()
-    time.sleep(0)
     (run,) = recover(tmp_path)
     assert Run(run).sweep_names[0] == "sweep_0001"

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -207,7 +208,8 @@ def _calibrate(
     """What turns the recorded numbers into volts on the stack and micrometres."""
     calibration = _Calibration()
     if trace.is_drive:
-        ignored = [w for w, name in (("gain", "gain"), ("offset", "offset_v")) if options.given(name)]
+        words = (("gain", "gain"), ("offset", "offset_v"))
+        ignored = [word for word, name in words if options.given(name)]
         if ignored:
             warned.add(
                 path.name,
@@ -228,8 +230,10 @@ def _calibrate(
         if ignored:
             warned.add(
                 path.name,
-                [f"the {' and '.join(ignored)} given was ignored: displacement_um is taken "
-                 "as it is"],
+                [
+                    f"the {' and '.join(ignored)} given was ignored: displacement_um is taken "
+                    "as it is"
+                ],
             )
         told.add(path.name, ["displacement_um is micrometres and taken as it is"])
         return calibration
@@ -326,8 +330,13 @@ def _with_history(
         if _scale(sweep) == _scale(first):
             sweep = sweep.with_(zero_v=first.zero_v)
         else:
-            warned.add(sweep.source, ["its calibration differs from the first recording's, so its "
-                                      "zero is its own although history is carried"])
+            warned.add(
+                sweep.source,
+                [
+                    "its calibration differs from the first recording's, so its "
+                    "zero is its own although history is carried"
+                ],
+            )
         carried.append(sweep)
     return carried
 
@@ -347,7 +356,7 @@ def _compare_clocks(sweeps: list[Sweep], clocks: dict[str, str], warned: _Senten
         return
     ordered = sorted(sweeps, key=lambda sweep: sweep.start_time)
     overlapping = []
-    for earlier, later in zip(ordered, ordered[1:], strict=False):
+    for earlier, later in pairwise(ordered):
         if later.start_time < earlier.start_time + earlier.time_s[-1] - 0.5 / earlier.sample_rate:
             overlapping.append((earlier, later))
     if overlapping:

@@ -78,7 +78,13 @@ def choose(
     for role, need in (("command", DRIVE), ("sensor", DISPLACEMENT)):
         if role not in found and need in require:
             raise _missing(recording, role)
-    choice = Choice(**found, assumed=assumed)
+    choice = Choice(
+        time=found.get("time"),
+        command=found.get("command"),
+        sensor=found.get("sensor"),
+        monitor=found.get("monitor"),
+        assumed=assumed,
+    )
     choice.is_drive = _named(recording, choice.command, words.DRIVE_V)
     choice.is_displacement = _named(recording, choice.sensor, words.DISPLACEMENT_UM)
     if choice.time is None and choice.command is not None:
@@ -102,9 +108,7 @@ def _asked_for(recording: Recording, role: str, wanted: str | int) -> int:
             f"{recording.path}: {_OPTION[role]} {number}: there are {len(columns)} columns",
             remedy=f"choose from {recording.listing()}",
         )
-    spellings = [
-        {f"{c.group}/{c.name}", c.name} if c.group else {c.name} for c in columns
-    ]
+    spellings = [{f"{c.group}/{c.name}", c.name} if c.group else {c.name} for c in columns]
     for same in (str.strip, str.casefold, words.plain):
         hits = [i for i, names in enumerate(spellings) if same(text) in {same(n) for n in names}]
         if len(hits) == 1:

@@ -13,9 +13,7 @@ _MOVED = 0.03
 _OFF_BY = 0.1
 
 
-def saturation(
-    drive_v: FloatArray, sensor: FloatArray, where: Callable[[int], str]
-) -> list[str]:
+def saturation(drive_v: FloatArray, sensor: FloatArray, where: Callable[[int], str]) -> list[str]:
     """Warnings where the sensor stands still at an extreme while the drive moves on.
 
     Parameters

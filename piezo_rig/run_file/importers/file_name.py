@@ -12,7 +12,8 @@ from dataclasses import dataclass
 
 _SENSE = re.compile(r"(?<![A-Za-z0-9])sens(?:e|itivity)?[ _-]?(\d{1,6})(?![\d.,]*\d)", re.I)
 _REPEAT = re.compile(r"(?<![A-Za-z0-9])(?:test|repeat|rep|run)[ _-]?(\d{1,6})(?!\d)", re.I)
-_SPAN = re.compile(r"(-?\d{1,4}(?:\.\d{1,3})?)\s?V?\s?[-–]\s?(-?\d{1,4}(?:\.\d{1,3})?)\s?V?(?=$|[ _])")
+_VOLTS = r"(-?\d{1,4}(?:\.\d{1,3})?)\s?V?"
+_SPAN = re.compile(_VOLTS + r"\s?[-–]\s?" + _VOLTS + r"(?=$|[ _])")
 
 
 @dataclass(frozen=True)

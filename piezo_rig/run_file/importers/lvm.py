@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
@@ -108,6 +108,7 @@ def _with_header(path: Path, text: bytes) -> list[Recording]:
     names: list[str] | None = None
     recordings: list[Recording] = []
     while True:
+        own_header = False
         _skip_hollow(path, lines, separator)
         line = lines.peek()
         if line is None:
@@ -118,6 +119,7 @@ def _with_header(path: Path, text: bytes) -> list[Recording]:
         if len(recordings) >= MOST_SEGMENTS:
             raise InputError(CODE, f"{path}: has more than {MOST_SEGMENTS} segments")
         if not _looks_numeric(line, separator):
+            own_header = True
             # A complete header ends in its own mark; the names of the columns follow it.
             if not line.startswith(b"X_Value"):
                 header = _read_header(path, lines, separator)
@@ -135,7 +137,9 @@ def _with_header(path: Path, text: bytes) -> list[Recording]:
                 f"{path}: holds no samples after line {start - 1}",
                 cause="the recording was stopped at once, or the file was cut off",
             )
-        recordings.append(_segment(path, file_header, header, names, body, start, separator))
+        recording = _segment(path, file_header, header, names, body, start, separator)
+        continues = bool(recordings) and not own_header
+        recordings.append(replace(recording, continues=continues))
     if not recordings:
         raise InputError(
             CODE,
@@ -301,7 +305,7 @@ def _layout(
         width = len(named) - (1 if comment else 0)
     else:
         width = 2 * channels if multi else channels + 1
-    named_width = 0 if names is None else len([n for n in names if n.strip() not in ("", "Comment")])
+    named_width = sum(n.strip() not in ("", "Comment") for n in names or ())
     lead = 1
     if declared == "no" and channels is not None and names is not None:
         lead = 0 if named_width == channels and names[0].strip() != "X_Value" else 1
@@ -340,9 +344,7 @@ def _number(path: Path, key: str, header: _Header, column: int) -> float | None:
     return value
 
 
-def _stamp(
-    file_header: _Header, header: _Header, column: int, warnings: list[str]
-) -> float | None:
+def _stamp(file_header: _Header, header: _Header, column: int, warnings: list[str]) -> float | None:
     """Date and time of a channel as seconds since 1970, read as UTC; None where unknown."""
     date, time = header.at("Date", column), header.at("Time", column)
     if not (date and time):
@@ -371,8 +373,10 @@ def _decimal_comma(file_header: _Header, body: bytes, separator: str) -> bool:
     if declared in (",", "."):
         return declared == ","
     sample = body[:1_000_000]
-    return separator != "," and re.search(rb"\d,\d", sample) is not None and not re.search(
-        rb"\d\.\d", sample
+    return (
+        separator != ","
+        and re.search(rb"\d,\d", sample) is not None
+        and not re.search(rb"\d\.\d", sample)
     )
 
 

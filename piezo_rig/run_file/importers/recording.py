@@ -49,6 +49,7 @@ class Recording:
     where : words for the place of a sample, as in ``line 17``
     positional : whether command, sensor and monitor may be taken by their order
     breaks : samples at which a block of rows begins that has no header of its own
+    continues : whether it has no header of its own but goes on under the one before
     notes, warnings : sentences without the file's name
     """
 
@@ -59,6 +60,7 @@ class Recording:
     where: Callable[[int], str]
     positional: bool
     breaks: tuple[int, ...] = ()
+    continues: bool = False
     notes: list[str] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import io
 import logging
-import math
 import time
 import warnings as python_warnings
 from collections.abc import Iterator, Sequence
@@ -58,11 +57,15 @@ def read_tdms(path: Path) -> list[Recording]:
             f"{path}: holds no channel with numbers in it",
             cause="the recording was stopped at once, or the file was cut off",
         )
+    times: dict[str, int] = {}  # the first time channel of each group
+    for i, channel in enumerate(channels):
+        if _is_time(channel):
+            times.setdefault(channel.group_name, i)
     return [
         Recording(
             path=path,
             kind="tdms",
-            columns=tuple(_column(path, channel, channels) for channel in channels),
+            columns=tuple(_column(path, channel, times) for channel in channels),
             load=partial(_load, path, file, channels),
             where=lambda sample: f"sample {sample}",
             positional=True,
@@ -157,22 +160,21 @@ def _refuse_endless_scaling(path: Path, channel: Any) -> None:
             )
 
 
-def _column(path: Path, channel: Any, channels: list[Any]) -> Column:
+def _is_time(channel: Any) -> bool:
+    return channel.dtype.kind == "M" or is_time(channel.name)
+
+
+def _column(path: Path, channel: Any, times: dict[str, int]) -> Column:
     """A channel with the waveform properties that place it in time."""
     group = channel.group_name
-    own_time = channel.dtype.kind == "M" or is_time(channel.name)
-    times = [
-        i
-        for i, other in enumerate(channels)
-        if other.group_name == group and (other.dtype.kind == "M" or is_time(other.name))
-    ]
+    own_time = _is_time(channel)
     properties = channel.properties
-    step = _property(path, channel, "wf_increment")
+    step: float | None = _property(path, channel, "wf_increment")
     return Column(
         name=channel.name,
         group=group,
         is_time=own_time,
-        time_column=times[0] if times and not own_time else None,
+        time_column=None if own_time else times.get(group),
         step_s=step if step is not None and step > 0 else None,
         first_s=_property(path, channel, "wf_start_offset") or 0.0,
         stamp=_stamp(properties.get("wf_start_time")),
@@ -180,10 +182,10 @@ def _column(path: Path, channel: Any, channels: list[Any]) -> Column:
 
 
 def _property(path: Path, channel: Any, key: str) -> float | None:
-    value = channel.properties.get(key)
+    value: Any = channel.properties.get(key)
     if value is None:
         return None
-    if isinstance(value, (int, float, np.number)) and math.isfinite(value) and abs(value) < 1e12:
+    if isinstance(value, int | float | np.number) and abs(float(value)) < 1e12:  # never NaN
         return float(value)
     raise InputError(
         CODE,
@@ -192,12 +194,18 @@ def _property(path: Path, channel: Any, key: str) -> float | None:
     )
 
 
-def _stamp(value: object) -> float | None:
+def _stamp(value: Any) -> float | None:
     """``wf_start_time``, which is UTC, as seconds since 1970; None where it is not set."""
     if not isinstance(value, np.datetime64) or np.isnat(value):
         return None
-    seconds = float((value - np.datetime64(0, "s")) / np.timedelta64(1, "ns")) * 1e-9
+    seconds = float(_since_1970(value))
     return seconds if seconds > 0 else None
+
+
+def _since_1970(stamps: Any) -> Any:
+    """Seconds since 1970 of ``datetime64`` values, rounded once."""
+    whole = stamps.astype("datetime64[s]")
+    return whole.astype(np.int64) + (stamps - whole) / np.timedelta64(1, "s")
 
 
 def _load(
@@ -209,7 +217,7 @@ def _load(
             file.rest()
             values = np.asarray(channels[column][:])
             if values.dtype.kind == "M":
-                values = (values - np.datetime64(0, "s")) / np.timedelta64(1, "ns") * 1e-9
+                values = _since_1970(values)
             arrays.append(np.ascontiguousarray(values, dtype=np.float64))
     return arrays
 

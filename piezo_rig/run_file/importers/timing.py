@@ -68,7 +68,7 @@ def timing_of(times: FloatArray, declared_step_s: float | None, place: str) -> T
             f"{step:.3g} s, which is no sampling",
             cause="a damaged time column, or one that is not in seconds",
         )
-    index = np.arange(times.size)
+    index = np.arange(times.size, dtype=np.float64)
     mean_step = span / (times.size - 1)
     grain, rounding = _grain(times, step), 4 * float(np.spacing(np.abs(times).max()))
     error = float(np.abs(elapsed - index * mean_step).max())

@@ -1,0 +1,119 @@
+"""A whole simulated bench: the instruments on real transports, one plant, one clock."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, MutableMapping
+from types import TracebackType
+from typing import Any
+
+from drivers.clock import Clock, RealClock
+from drivers.simulated.clock_server import ClockServer
+from drivers.simulated.keysight_33500b import SimulatedKeysight33500B
+from drivers.simulated.keysight_l4532a import SimulatedKeysightL4532A
+from drivers.simulated.scpi_device import ScpiDevice
+from drivers.simulated.servers import LoopThread, PtyServer, TcpServer
+from drivers.simulated.thorlabs_mdt69x import SimulatedThorlabsMDT69x
+from drivers.simulated.wiring import Plant, Wiring
+
+SERIAL_NUMBERS = {"waveform_dac": "SIM00001", "digitizer": "SIM00002", "amplifier": "SIM00003"}
+
+
+class SimulatedBench:
+    """Serves the instruments until it is closed; a context manager.
+
+    Parameters
+    ----------
+    plant : amplifier, actuator and sensor
+    clock : bench time, shared by everything; with a virtual clock ``*OPC?``,
+        ``*WAI`` and a fetch jump, with a real one they wait
+    host : address to listen on
+    ports : instrument -> TCP port; 0 or absent picks a free one
+    serial_numbers : instrument -> serial number, beginning with SIM
+    faults : instrument -> fault -> value, looked up at every message, so that a
+        test may change them under way. Waveform DAC and digitizer:
+        ``refuse``, ``setting_not_taken`` (list of headers), ``late_reply``
+        (seconds, once), ``hang_up`` (once); digitizer: ``no_trigger``
+    set_voltage_v, voltage_limit_v : as the amplifier is adjusted
+
+    ``addresses`` holds what the drivers' `open_transport` takes, for
+    ``waveform_dac``, ``digitizer``, ``amplifier`` and ``clock``.
+    """
+
+    def __init__(
+        self,
+        plant: Plant,
+        clock: Clock,
+        *,
+        host: str = "127.0.0.1",
+        ports: Mapping[str, int] | None = None,
+        serial_numbers: Mapping[str, str] | None = None,
+        faults: MutableMapping[str, MutableMapping[str, Any]] | None = None,
+        set_voltage_v: float = 75.0,
+        voltage_limit_v: float = 75.0,
+    ) -> None:
+        serials = {**SERIAL_NUMBERS, **(serial_numbers or {})}
+        for name, serial in serials.items():
+            if not serial.startswith("SIM"):
+                raise ValueError(f"{name}: a simulated serial number begins with SIM, not {serial}")
+        self.plant = plant
+        self.clock = clock
+        self.faults = faults if faults is not None else {}
+        for name in serials:
+            self.faults.setdefault(name, {})
+        self.addresses: dict[str, str] = {}
+        self._wiring = Wiring(plant, clock)
+        amplifier = SimulatedThorlabsMDT69x(
+            self._wiring,
+            serials["amplifier"],
+            self.faults["amplifier"],
+            set_voltage_v,
+            voltage_limit_v,
+        )
+        devices: dict[str, ScpiDevice] = {
+            "waveform_dac": SimulatedKeysight33500B(
+                self._wiring, clock, serials["waveform_dac"], self.faults["waveform_dac"]
+            ),
+            "digitizer": SimulatedKeysightL4532A(
+                self._wiring, clock, serials["digitizer"], self.faults["digitizer"]
+            ),
+            "clock": ClockServer(clock),
+        }
+        self._servers = {name: TcpServer(device) for name, device in devices.items()}
+        self._pty = PtyServer(amplifier, paced=isinstance(clock, RealClock))
+        self._thread: LoopThread | None = LoopThread()
+        try:
+            self._thread.run(self._start(host, ports or {}))
+        except BaseException:
+            self.close()
+            raise
+
+    async def _start(self, host: str, ports: Mapping[str, int]) -> None:
+        for name, server in self._servers.items():
+            await server.start(host, ports.get(name, 0))
+            self.addresses[name] = f"TCPIP::{host}::{server.port}::SOCKET"
+        await self._pty.start()
+        self.addresses["amplifier"] = self._pty.path
+
+    async def _stop(self) -> None:
+        for server in self._servers.values():
+            await server.stop()
+        if self._pty.path:
+            await self._pty.stop()
+
+    def close(self) -> None:
+        """Hang up on everyone and stop serving."""
+        thread, self._thread = self._thread, None
+        if thread is not None:
+            thread.run(self._stop())
+            thread.stop()
+
+    def __enter__(self) -> SimulatedBench:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()

@@ -1,0 +1,155 @@
+"""Everything that can be set in the plant, by name.
+
+A rig's config gives a nested mapping; a cause's id from the catalogue is the key
+of its effect::
+
+    {"creep": {"on": true, "rate_per_decade": 0.012}, "thermal-drift": {"on": true}}
+
+``settings()`` lists every key with its default, unit and meaning. Each effect is
+defined in the file of its physics: electrical, actuator, strangers,
+interferometer, acquisition.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from drivers.simulated.plant.acquisition import (
+    Acquisition,
+    ClockRatio,
+    DroppedSamples,
+    TimeSkew,
+)
+from drivers.simulated.plant.actuator import (
+    Creep,
+    CycleAging,
+    DirectionAsymmetry,
+    ExtremumDependence,
+    Initiation,
+    RangeDependence,
+    RateDependence,
+    Recovery,
+    Remanence,
+    Resonance,
+    Stack,
+)
+from drivers.simulated.plant.effects import read, size, table
+from drivers.simulated.plant.electrical import (
+    Amplifier,
+    AmplifierLag,
+    DriveClipping,
+    DriveGain,
+    SlewLimit,
+)
+from drivers.simulated.plant.interferometer import (
+    ArNoise,
+    FringeJump,
+    Interferometer,
+    MainsHum,
+    OneOverFNoise,
+    Outliers,
+    PeriodicNonlinearity,
+    Quantisation,
+    Sensor,
+    SensorClipping,
+    SensorScale,
+    ThermalDrift,
+    WhiteNoise,
+)
+from drivers.simulated.plant.strangers import Strangers
+
+
+@dataclass(frozen=True)
+class PlantConfig:
+    """Amplifier, actuator, interferometer and acquisition with all their effects."""
+
+    seed: int = size(1, "", "of every random number", low=0)
+    # drive
+    amplifier: Amplifier = Amplifier()
+    drive_clipping: DriveClipping = DriveClipping()
+    slew_limit: SlewLimit = SlewLimit()
+    amplifier_lag: AmplifierLag = AmplifierLag()
+    drive_gain: DriveGain = DriveGain()
+    # actuator
+    stack: Stack = Stack()
+    initiation_stage: Initiation = Initiation()
+    range_dependence: RangeDependence = RangeDependence()
+    extremum_dependence: ExtremumDependence = ExtremumDependence()
+    direction_asymmetry: DirectionAsymmetry = DirectionAsymmetry()
+    creep: Creep = Creep()
+    rate_dependence: RateDependence = RateDependence()
+    resonance: Resonance = Resonance()
+    cycle_aging: CycleAging = CycleAging()
+    recovery: Recovery = Recovery()
+    remanence: Remanence = Remanence()
+    strangers: Strangers = Strangers()
+    # sensor
+    sensor: Sensor = Sensor()
+    thermal_drift: ThermalDrift = ThermalDrift()
+    periodic_nonlinearity: PeriodicNonlinearity = PeriodicNonlinearity()
+    fringe_jump: FringeJump = FringeJump()
+    sensor_clipping: SensorClipping = SensorClipping()
+    sensor_scale: SensorScale = SensorScale()
+    mains_hum: MainsHum = MainsHum()
+    outliers: Outliers = Outliers()
+    white_noise: WhiteNoise = WhiteNoise()
+    one_over_f_noise: OneOverFNoise = OneOverFNoise()
+    ar_noise: ArNoise = ArNoise()
+    quantisation: Quantisation = Quantisation()
+    # acquisition
+    time_skew: TimeSkew = TimeSkew()
+    clock_ratio: ClockRatio = ClockRatio()
+    dropped_samples: DroppedSamples = DroppedSamples()
+
+    def __post_init__(self) -> None:
+        if self.fringe_jump.times and not self.fringe_jump.multiples:
+            raise ValueError("fringe_jump.multiples: needs at least one step")
+        if self.sensor.polarity == 0:
+            raise ValueError("sensor.polarity: must be -1 or +1")
+        if self.drive_clipping.lower >= self.drive_clipping.upper:
+            raise ValueError("drive_clipping.lower: must lie below drive_clipping.upper")
+        if self.recovery.hold_off >= self.recovery.recovery_s:
+            raise ValueError("recovery.hold_off: must be shorter than recovery.recovery_s")
+
+    @classmethod
+    def from_mapping(cls, given: Mapping[str, Any]) -> PlantConfig:
+        """Read a nested mapping.
+
+        Raises
+        ------
+        ValueError : a key is unknown or a value does not fit; the message begins
+            with the dotted path of the key.
+        """
+        return read(cls, given)
+
+    def interferometer(self) -> Interferometer:
+        """The sensor with its errors."""
+        return Interferometer(
+            sensor=self.sensor,
+            thermal_drift=self.thermal_drift,
+            periodic_nonlinearity=self.periodic_nonlinearity,
+            fringe_jump=self.fringe_jump,
+            sensor_clipping=self.sensor_clipping,
+            sensor_scale=self.sensor_scale,
+            mains_hum=self.mains_hum,
+            outliers=self.outliers,
+            white_noise=self.white_noise,
+            one_over_f_noise=self.one_over_f_noise,
+            ar_noise=self.ar_noise,
+            quantisation=self.quantisation,
+        )
+
+    def acquisition(self) -> Acquisition:
+        """The digitizer's sampling with its errors."""
+        return Acquisition(
+            time_skew=self.time_skew,
+            clock_ratio=self.clock_ratio,
+            dropped_samples=self.dropped_samples,
+        )
+
+
+def settings() -> list[tuple[str, Any, str, str]]:
+    """Every setting: dotted key, default, unit, meaning."""
+    return table(PlantConfig)

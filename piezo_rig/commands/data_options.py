@@ -1,0 +1,121 @@
+"""What the verbs that read data have in common: runs and recordings, and how to read them."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from piezo_rig.run_file.importers import Imported
+    from piezo_rig.run_file.sweep import Sweep
+
+_GIVEN = ("gain", "offset", "polarity", "sensitivity", "command", "sensor", "monitor", "time",
+          "history")
+
+
+def add_reading_arguments(parser: argparse.ArgumentParser) -> None:
+    """Options that say how recordings are read."""
+    group = parser.add_argument_group(
+        "recordings", "how .lvm, .tdms and .csv files are read; a run knows all this itself"
+    )
+    group.add_argument("--gain", type=float, metavar="G", help="drive = G x command + offset; 7.5")
+    group.add_argument("--offset", type=float, metavar="V", help="default: 75")
+    group.add_argument("--polarity", metavar="+1|-1", help="of the sensor; default: -1")
+    group.add_argument("--sensitivity", metavar="S",
+                       help="the switch, 0..6, or a value as in 3.87um/V")
+    for name in ("command", "sensor", "monitor", "time"):
+        group.add_argument(f"--{name}", metavar="CH", help=f"the {name} channel: name or number")
+    group.add_argument("--history", choices=("virgin", "carried", "unknown"),
+                       help="what the actuator remembers when a recording begins; unknown")
+
+
+def add_data_arguments(parser: argparse.ArgumentParser) -> None:
+    """DATA..., how to read them, and whether origins may be mixed."""
+    parser.add_argument("data", metavar="DATA", nargs="+",
+                        help="runs (.h5) and recordings (.lvm, .tdms, .csv)")
+    parser.add_argument("--mixed-origin", action="store_true",
+                        help="join REAL, SIMULATED and IMPORTED data")
+    add_reading_arguments(parser)
+
+
+def read_recordings_as_said(paths: Sequence[str], args: argparse.Namespace) -> Imported:
+    """Recordings read with the options given; assumptions and warnings are printed."""
+    from pathlib import Path
+
+    from piezo_rig.errors import InputError
+    from piezo_rig.run_file.importers import ImportOptions, read_recordings
+
+    said = {name: getattr(args, name) for name in _GIVEN if getattr(args, name) is not None}
+    explicit = frozenset("offset_v" if name == "offset" else name for name in said)
+    if "offset" in said:
+        said["offset_v"] = said.pop("offset")
+    if "polarity" in said:
+        if said["polarity"] not in ("+1", "1", "-1"):
+            raise InputError("usage", f"--polarity {said['polarity']}: expected +1 or -1",
+                             "a slip on the command line", "give --polarity=+1 or --polarity=-1")
+        said["polarity"] = int(said["polarity"])
+    for name in ("command", "sensor", "monitor", "time"):
+        if name in said and said[name].isdigit():
+            said[name] = int(said[name])
+    imported = read_recordings([Path(p) for p in paths], ImportOptions(explicit=explicit, **said))
+    for line in imported.assumptions:
+        print(f"assumed: {line}")
+    for line in imported.warnings:
+        print(f"warning: {line}")
+    return imported
+
+
+def load_data(args: argparse.Namespace) -> tuple[list[Sweep], dict[str, str]]:
+    """All sweeps of DATA, and the SHA-256 of every file.
+
+    Sweeps that ``verify`` finds faulty are left out, and said. Names are made unique by counting
+    on over all files, in the order given.
+
+    Raises
+    ------
+    InputError : nothing usable, unreadable, or origins mixed without ``--mixed-origin``
+    """
+    import hashlib
+    from pathlib import Path
+
+    from piezo_rig.errors import InputError
+    from piezo_rig.run_file.reader import Run
+    from piezo_rig.run_file.verify import require_run, verify
+
+    sweeps: list[Sweep] = []
+    hashes: dict[str, str] = {}
+    recordings = [p for p in args.data if Path(p).suffix.lower() not in (".h5", ".hdf5", ".nxs")]
+    by_recording: dict[str, list[Sweep]] = {}
+    if recordings:
+        for sweep in read_recordings_as_said(recordings, args).sweeps:
+            by_recording.setdefault(sweep.source, []).append(sweep)
+    for name in args.data:
+        path = Path(name)
+        if name in recordings:
+            continue
+        run = Run(require_run(path))
+        hashes[path.name] = run.sha256()
+        names, found = verify(path)
+        faults = {v.sweep: v.text for v in found if v.fault and v.sweep}
+        for sweep, text in faults.items():
+            print(f"warning: {path.name}: {sweep} is left out: {text}")
+        good = [n for n in names if n not in faults]
+        sweeps += run.sweeps(good) if good else []
+    for found_sweeps in by_recording.values():
+        sweeps += found_sweeps
+    for name in recordings:
+        hashes[Path(name).name] = hashlib.sha256(Path(name).read_bytes()).hexdigest()
+    if not sweeps:
+        raise InputError("no-data", f"{', '.join(args.data)}: no sweep that may be used",
+                         "every sweep is faulty", "see 'piezo-rig verify'")
+    origins = sorted({s.origin for s in sweeps})
+    if len(origins) > 1 and not args.mixed_origin:
+        raise InputError(
+            "mixed-origin", f"the data are {' and '.join(origins)}",
+            "files of different origin were given together",
+            "give files of one origin, or --mixed-origin if you mean it",
+        )
+    if len(args.data) > 1:
+        sweeps = [s.with_(name=f"sweep_{i + 1:04d}") for i, s in enumerate(sweeps)]
+    return sweeps, hashes

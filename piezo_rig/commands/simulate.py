@@ -1,0 +1,92 @@
+"""Plays a drive through a model: what the sensor would show, one row per input row."""
+
+from __future__ import annotations
+
+import argparse
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    import numpy as np
+    from numpy.typing import NDArray
+
+HELP = "play a drive through a model"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    from piezo_rig.commands.data_options import add_reading_arguments
+
+    parser.add_argument("model", metavar="MODEL.json",
+                        help="a model file, or the name of a shipped one (thesis_range)")
+    parser.add_argument("drive", metavar="DRIVE",
+                        help="a run, a recording, or a CSV with time_s,drive_v")
+    parser.add_argument("--out", metavar="OUT.csv", required=True)
+    parser.add_argument("--free-end", action="store_true",
+                        help="the actuator alone: leave sensor and acquisition stages out")
+    add_reading_arguments(parser)
+
+
+def execute(args: argparse.Namespace) -> int:
+    from pathlib import Path
+
+    import numpy as np
+
+    from piezo_rig.causes.catalogue import load_model
+    from piezo_rig.resources import find
+
+    model = load_model(find("calibration", args.model))
+    model.check()
+    stretches = _drives(args)
+    history = args.history or "virgin"
+    rows = []
+    for time, drive in stretches:
+        moved = model.simulate(time, drive, history=history, free_end=args.free_end)
+        rows.append(np.column_stack([time, drive, moved]))
+    table = np.concatenate(rows)
+    write_table(Path(args.out), "time_s,drive_v,displacement_um", table)
+    print(f"model     {model.name or args.model}: {', '.join(s.id for s in model.stages)}")
+    print(f"drive     {table.shape[0]} samples, {table[:, 1].min():g} .. {table[:, 1].max():g} V, "
+          f"history {history}{'' if len(stretches) == 1 else f', {len(stretches)} sweeps'}")
+    print(f"travel    {np.ptp(table[:, 2]):.3f} um")
+    print(f"simulation: {args.out}")
+    return 0
+
+
+def _drives(args: argparse.Namespace) -> list[tuple[NDArray[np.float64], NDArray[np.float64]]]:
+    """Time and drive of every sweep of DRIVE; time runs on from sweep to sweep."""
+    from pathlib import Path
+
+    from piezo_rig.commands.data_options import load_data
+    from piezo_rig.run_file.importers.bare_drive import read_bare_drive
+
+    path = Path(args.drive)
+    if path.suffix.lower() == ".csv":
+        bare = read_bare_drive(path)
+        if bare is not None:
+            return [bare]
+    args.data, args.mixed_origin = [args.drive], False
+    sweeps, _ = load_data(args)
+    start = sweeps[0].start_time if path.suffix.lower() != ".csv" else 0.0
+    return [(s.time_s + (s.start_time - start), s.drive_v) for s in sweeps]
+
+
+def write_table(path: Path, header: str, table: NDArray[np.float64]) -> None:
+    """A CSV of numbers that read back as they were.
+
+    Raises
+    ------
+    BenchError : the disk refuses (exit 4)
+    """
+    import numpy as np
+
+    from piezo_rig.errors import BenchError
+
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        np.savetxt(path, table, delimiter=",", header=header, comments="", fmt="%.12g")
+    except OSError as error:
+        raise BenchError(
+            "disk", f"could not write {path}: {error.strerror or error}",
+            "the disk is full, or the folder is not yours to write", "give another --out",
+        ) from None

@@ -1,0 +1,186 @@
+"""Sweeps made ready for identification: checked, joined where memory goes on, cut where it is known.
+
+Two questions are settled here and nowhere else: what of a recording can be
+trusted (or which error names what cannot), and from which sample on the state
+of the actuator's memory is known.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from piezo_rig.chain import HalfLoops, dead_band, half_loops
+from piezo_rig.errors import InputError
+from piezo_rig.identification.checks import check_agreement, check_sweep
+from piezo_rig.run_file.sweep import Sweep
+
+FloatArray = NDArray[np.float64]
+EXTREME = 0.005  # of the range: this near counts as having visited an extreme
+
+
+@dataclass(frozen=True, eq=False)
+class Track:
+    """One stretch of drive with one memory: a sweep, or a chain of sweeps whose history carries on.
+
+    Attributes
+    ----------
+    drive_v, displacement_um : shape (n,)
+    sweeps : indices into the sweeps given
+    edges : shape (len(sweeps) + 1,), first sample of every sweep, and n
+    blocks : (first, one past last) sample of every stretch with a known memory; a
+        displacement offset is free in each
+    unit : for every block, the position in ``sweeps`` that it belongs to
+    virgin : the memory is cleared at the first sample
+    loops : its half loops
+    """
+
+    drive_v: FloatArray
+    displacement_um: FloatArray
+    sweeps: tuple[int, ...]
+    edges: tuple[int, ...]
+    blocks: tuple[tuple[int, int], ...]
+    unit: tuple[int, ...]
+    virgin: bool
+    loops: HalfLoops
+
+
+@dataclass(frozen=True, eq=False)
+class Data:
+    """Everything that a fit sees."""
+
+    tracks: tuple[Track, ...]
+    conditions: tuple[str, ...]  # of every sweep
+    names: tuple[str, ...]
+    left_out: list[str] = field(default_factory=list)
+
+    @property
+    def samples(self) -> int:
+        return sum(t.drive_v.size for t in self.tracks)
+
+    @property
+    def has_first_rise(self) -> bool:
+        return any(t.virgin for t in self.tracks)
+
+    @property
+    def travel_um(self) -> float:
+        """Largest travel of one block, um."""
+        return max(
+            float(np.ptp(t.displacement_um[a:b])) for t in self.tracks for a, b in t.blocks
+        )
+
+    @property
+    def first_reach_v(self) -> float:
+        """Largest |drive - first drive| of a virgin track, volts; 0 without one."""
+        return max(
+            (float(np.max(np.abs(t.drive_v - t.drive_v[0]))) for t in self.tracks if t.virgin),
+            default=0.0,
+        )
+
+    @property
+    def later_reach_v(self) -> float:
+        """Largest drive change of one half loop after a turning point, volts."""
+        spans = [0.0]
+        for t in self.tracks:
+            loops = t.loops
+            for a, b in t.blocks:
+                inside = (loops.start >= (1 if a == 0 else a)) & (loops.start < b)
+                stop = np.minimum(loops.stop[inside], b - 1)
+                spans += list(np.abs(t.drive_v[stop] - t.drive_v[loops.start[inside]]))
+        return float(max(spans))
+
+
+def prepare(sweeps: Sequence[Sweep]) -> Data:
+    """Check sweeps and join them into tracks.
+
+    Raises
+    ------
+    InputError : naming the sweep, and the sample where there is one
+    """
+    if not sweeps:
+        raise InputError("no-data", "no sweep was given", "", "name at least one recording")
+    for sweep in sweeps:
+        check_sweep(sweep)
+    check_agreement(sweeps)
+    left_out: list[str] = []
+    chains: list[list[int]] = []
+    for i, sweep in enumerate(sweeps):
+        if sweep.history == "carried" and chains:
+            chains[-1].append(i)
+        else:
+            chains.append([i])
+    tracks = []
+    for chain in chains:
+        track = _track([sweeps[i] for i in chain], chain, left_out)
+        if track is not None:
+            tracks.append(track)
+    if not tracks:
+        raise InputError(
+            "too-few-half-loops",
+            f"{', '.join(s.name for s in sweeps)}: {left_out[-1] if left_out else 'nothing left'}",
+            "the drive never comes back over ground that it has covered",
+            "record at least one full cycle",
+        )
+    return Data(
+        tuple(tracks),
+        tuple(s.condition or s.name for s in sweeps),
+        tuple(s.name for s in sweeps),
+        left_out,
+    )
+
+
+def _track(sweeps: list[Sweep], indices: list[int], left_out: list[str]) -> Track | None:
+    drive = np.concatenate([s.drive_v for s in sweeps])
+    displacement = np.concatenate([s.displacement_um for s in sweeps])
+    edges = np.concatenate([[0], np.cumsum([s.samples for s in sweeps])]).astype(int)
+    band = max(dead_band(s.drive_v) for s in sweeps)
+    loops = half_loops(drive, band)
+    virgin = sweeps[0].history == "virgin"
+    if virgin:
+        known = [(0, drive.size)]
+    else:
+        known = _known(drive, loops, band)
+        first = known[0][0] if known else drive.size
+        left_out.append(
+            f"{sweeps[0].name}: history unknown, {first} of {drive.size} samples before the "
+            "drive had visited both its extremes"
+        )
+    blocks, unit = [], []
+    for a, b in known:
+        for k in range(len(sweeps)):
+            low, high = max(a, int(edges[k])), min(b, int(edges[k + 1]))
+            if high - low >= 8 and np.ptp(drive[low:high]) > band:
+                blocks.append((low, high))
+                unit.append(k)
+    if not blocks or (not virgin and len(loops) < 2):
+        left_out.append(f"{sweeps[0].name}: too few half loops")
+        return None
+    return Track(
+        drive, displacement, tuple(indices), tuple(int(e) for e in edges),
+        tuple(blocks), tuple(unit), virgin, loops,
+    )  # fmt: skip
+
+
+def _known(drive: FloatArray, loops: HalfLoops, band: float) -> list[tuple[int, int]]:
+    """Stretches with a known memory after an unknown first state."""
+    tolerance = max(band, EXTREME * float(np.ptp(drive)))
+    at_top = int(np.argmax(drive >= drive.max() - tolerance))
+    at_bottom = int(np.argmax(drive <= drive.min() + tolerance))
+    both = max(at_top, at_bottom)
+    later = np.flatnonzero(loops.start >= both)
+    # the turning point at that extreme itself
+    begin = int(loops.start[later[0]]) if later.size else drive.size
+    if later.size >= 2:
+        return [(begin, drive.size)]
+    # an amplitude that grows: known as long as the drive stays on ground covered before
+    if len(loops) < 2:
+        return []
+    high = np.maximum.accumulate(drive)[:-1]
+    low = np.minimum.accumulate(drive)[:-1]
+    inside = np.concatenate([[False], (drive[1:] <= high) & (drive[1:] >= low)])
+    inside[: loops.start[1]] = False
+    change = np.flatnonzero(np.diff(np.concatenate([[0], inside.astype(np.int8), [0]])))
+    return [(int(a), int(b)) for a, b in zip(change[::2], change[1::2], strict=True) if b - a >= 8]
