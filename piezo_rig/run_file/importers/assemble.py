@@ -59,6 +59,7 @@ def read_recordings(
     told, warned = _Sentences(), _Sentences()
     sweeps: list[Sweep] = []
     clocks: dict[str, str] = {}
+    repeats: dict[str, set[int]] = {}
     for given in paths:
         path = Path(given)
         traces = _read(path, options, require, told, warned)
@@ -66,7 +67,8 @@ def read_recordings(
         for part, trace in enumerate(traces, start=1):
             part_of = part if len(traces) > 1 else 0
             sweep = _sweep(path, trace, says, part_of, options, require, told, warned)
-            sweeps.append(_numbered(sweep, sweeps, warned))
+            taken = repeats.setdefault(sweep.condition, set())
+            sweeps.append(_numbered(sweep, len(sweeps) + 1, taken, warned))
             clocks.setdefault(trace.clock, path.name)
     sweeps = _with_history(sweeps, options, told, warned)
     _compare_clocks(sweeps, clocks, warned)
@@ -296,9 +298,8 @@ def _sensitivity(
     )
 
 
-def _numbered(sweep: Sweep, before: list[Sweep], warned: _Sentences) -> Sweep:
+def _numbered(sweep: Sweep, number: int, taken: set[int], warned: _Sentences) -> Sweep:
     """The sweep with its name, and with a repeat that no other sweep of its condition has."""
-    taken = {other.repeat for other in before if other.condition == sweep.condition}
     repeat = sweep.repeat
     if repeat in taken:
         while repeat in taken:
@@ -310,7 +311,8 @@ def _numbered(sweep: Sweep, before: list[Sweep], warned: _Sentences) -> Sweep:
                 f"this one counts as repeat {repeat}"
             ],
         )
-    return sweep.with_(name=f"sweep_{len(before) + 1:04d}", repeat=repeat)
+    taken.add(repeat)
+    return sweep.with_(name=f"sweep_{number:04d}", repeat=repeat)
 
 
 def _with_history(

@@ -30,16 +30,24 @@ def read_bare_drive(path: Path) -> tuple[FloatArray, FloatArray] | None:
         bad = np.flatnonzero(~np.isfinite(values))
         if bad.size:
             raise InputError(
-                "import-csv", f"{path}: {recording.where(int(bad[0]))}: {name} is not a number",
-                "a gap in the file", "fill the gap, or leave the row out",
+                "import-csv",
+                f"{path}: {recording.where(int(bad[0]))}: {name} is not a number",
+                "a gap in the file",
+                "fill the gap, or leave the row out",
             )
     if time.size < 2:
-        raise InputError("import-csv", f"{path}: {time.size} rows are no drive",
-                         "the file is cut short", "give at least two rows")
+        raise InputError(
+            "import-csv",
+            f"{path}: {time.size} rows are no drive",
+            "the file is cut short",
+            "give at least two rows",
+        )
     back = first_backward_step(time)
     if back is not None:
         raise InputError(
-            "import-time", f"{path}: {recording.where(back)}: time_s does not grow",
-            "rows out of order, or two files in one", "sort the rows by time",
+            "import-time",
+            f"{path}: {recording.where(back)}: time_s does not grow",
+            "rows out of order, or two files in one",
+            "sort the rows by time",
         )
     return time, drive

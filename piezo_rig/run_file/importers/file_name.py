@@ -41,7 +41,8 @@ def parse_name(stem: str) -> NameSays:
     repeat = _REPEAT.search(rest)
     if repeat is not None:
         rest = rest[: repeat.start()] + " " + rest[repeat.end() :]
-    condition = re.sub(r"[ ]{2,}", " ", rest).strip(" _-.,") or stem.strip() or "recording"
+    condition = re.sub(r" {2,}", " ", rest).strip(" _.,").rstrip(" _-.,")
+    condition = condition or stem.strip() or "recording"
     number = int(repeat[1]) if repeat is not None else 0
     span = _SPAN.match(condition)
     return NameSays(

@@ -11,12 +11,9 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
-from datetime import UTC, datetime
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
-
-import numpy as np
 
 from piezo_rig.errors import InputError
 from piezo_rig.run_file.importers.guards import (
@@ -25,20 +22,26 @@ from piezo_rig.run_file.importers.guards import (
     refuse_mislabelled,
     text_bytes,
 )
+from piezo_rig.run_file.importers.lvm_header import (
+    CODE,
+    MAGIC,
+    Header,
+    Lines,
+    number_of,
+    read_header,
+    separator_of,
+    skip_hollow,
+    stamp_of,
+)
 from piezo_rig.run_file.importers.number_table import NumberTable, split_cells
 from piezo_rig.run_file.importers.recording import Column, Recording
 from piezo_rig.run_file.sweep import FloatArray
 
-CODE = "import-lvm"
-MAGIC = b"LabVIEW Measurement"
-END = "***End_of_Header***"
 MOST_SEGMENTS = 5000
 MOST_COLUMNS = 2000
 _EPOCH_1904_S = 2_082_844_800.0  # 1904-01-01 to 1970-01-01
 _ABSOLUTE_FROM_S = 1e9  # a time above this is no time since the start of a recording
 _NEXT_HEADER = re.compile(rb"^(?:\*\*\*|Channels[\t,; ]|LabVIEW Measurement)", re.M)
-_DATE = re.compile(r"(\d{4})[/.-](\d{1,2})[/.-](\d{1,2})")
-_TIME = re.compile(r"(\d{1,2}):(\d{2}):(\d{2})(?:[.,](\d{1,40}))?")
 
 
 def read_lvm(path: Path) -> list[Recording]:
@@ -59,62 +62,20 @@ def read_lvm(path: Path) -> list[Recording]:
     return recordings
 
 
-@dataclass
-class _Lines:
-    """A place in the text that moves on line by line and knows its number."""
-
-    text: bytes
-    position: int = 0
-    number: int = 1
-
-    def peek(self) -> bytes | None:
-        if self.position >= len(self.text):
-            return None
-        end = self.text.find(b"\n", self.position)
-        return self.text[self.position : len(self.text) if end < 0 else end]
-
-    def take(self) -> bytes:
-        line = self.peek() or b""
-        self.position += len(line) + 1
-        self.number += 1
-        return line
-
-    def take_until(self, position: int) -> bytes:
-        block = self.text[self.position : position]
-        self.position = position
-        self.number += block.count(b"\n")
-        return block
-
-
-@dataclass
-class _Header:
-    """Keys of a header, each with its values in the columns where they stand."""
-
-    values: dict[str, list[str]] = field(default_factory=dict)
-
-    def first(self, key: str) -> str:
-        return next((value.strip() for value in self.values.get(key, []) if value.strip()), "")
-
-    def at(self, key: str, column: int) -> str:
-        """The value that stands at a column, else the first one of the key."""
-        values = self.values.get(key, [])
-        return values[column].strip() if column < len(values) and values[column].strip() else ""
-
-
 def _with_header(path: Path, text: bytes) -> list[Recording]:
-    lines = _Lines(text)
-    separator = _separator(text)
-    file_header = header = _Header()
+    lines = Lines(text)
+    separator = separator_of(text)
+    file_header = header = Header()
     names: list[str] | None = None
     recordings: list[Recording] = []
     while True:
         own_header = False
-        _skip_hollow(path, lines, separator)
+        skip_hollow(path, lines, separator)
         line = lines.peek()
         if line is None:
             break
         if line.startswith(MAGIC):
-            file_header = header = _read_header(path, lines, separator)
+            file_header = header = read_header(path, lines, separator)
             continue
         if len(recordings) >= MOST_SEGMENTS:
             raise InputError(CODE, f"{path}: has more than {MOST_SEGMENTS} segments")
@@ -122,8 +83,8 @@ def _with_header(path: Path, text: bytes) -> list[Recording]:
             own_header = True
             # A complete header ends in its own mark; the names of the columns follow it.
             if not line.startswith(b"X_Value"):
-                header = _read_header(path, lines, separator)
-                _skip_hollow(path, lines, separator)
+                header = read_header(path, lines, separator)
+                skip_hollow(path, lines, separator)
             if lines.peek() is not None and not _looks_numeric(lines.peek() or b"", separator):
                 names = split_cells(decoded(lines.take()), separator)
             else:
@@ -149,60 +110,6 @@ def _with_header(path: Path, text: bytes) -> list[Recording]:
     return recordings
 
 
-def _separator(text: bytes) -> str:
-    """The character between cells: what follows the word ``Separator``, else a tab."""
-    match = re.search(rb"^Separator([\t,; |])(\w*)", text[:20_000], re.M)
-    if match is None:
-        follows = text[len(MAGIC) : len(MAGIC) + 1]
-        return follows.decode("latin-1") if follows in (b",", b";") else "\t"
-    by_word = {"tab": "\t", "comma": ",", "semicolon": ";", "space": " "}
-    return by_word.get(match[2].decode("latin-1").lower(), match[1].decode("latin-1"))
-
-
-def _read_header(path: Path, lines: _Lines, separator: str) -> _Header:
-    header = _Header()
-    first = lines.number
-    while (line := lines.peek()) is not None:
-        if line.startswith(b"***Start_Special***"):
-            _skip_special(path, lines)
-            continue
-        cells = split_cells(decoded(lines.take()), separator)
-        if cells[0].strip() == END:
-            return header
-        if cells[0].strip() and cells[0].strip() not in header.values:
-            header.values[cells[0].strip()] = cells
-            cells[0] = ""
-    raise InputError(
-        CODE,
-        f"{path}: the header that begins at line {first} has no end",
-        cause="the file was cut off, or is not a LabVIEW measurement file",
-        remedy="copy it again from the computer that recorded it",
-    )
-
-
-def _skip_hollow(path: Path, lines: _Lines, separator: str) -> None:
-    hollow = b" \t" + separator.encode()
-    while (line := lines.peek()) is not None:
-        if line.startswith(b"***Start_Special***"):
-            _skip_special(path, lines)
-        elif line.strip(hollow):
-            return
-        else:
-            lines.take()
-
-
-def _skip_special(path: Path, lines: _Lines) -> None:
-    first = lines.number
-    while lines.peek() is not None:
-        if lines.take().startswith(b"***End_Special***"):
-            return
-    raise InputError(
-        CODE,
-        f"{path}: the special block that begins at line {first} has no end",
-        cause="the file was cut off",
-    )
-
-
 def _looks_numeric(line: bytes, separator: str) -> bool:
     """Whether a line is a row of samples: its first filled cell begins a number."""
     cells = [cell.strip() for cell in split_cells(decoded(line), separator)]
@@ -212,8 +119,8 @@ def _looks_numeric(line: bytes, separator: str) -> bool:
 
 def _segment(
     path: Path,
-    file_header: _Header,
-    header: _Header,
+    file_header: Header,
+    header: Header,
     names: list[str] | None,
     body: bytes,
     first_line: int,
@@ -233,14 +140,14 @@ def _segment(
         if i in x_columns:
             columns.append(Column(name or "X_Value", is_time=True))
             continue
-        step = _number(path, "Delta_X", header, at)
+        step = number_of(path, "Delta_X", header, at)
         columns.append(
             Column(
                 name or f"column {i + 1}",
                 time_column=None if empty_x else (i - 1 if multi else 0),
                 step_s=step if step is not None and step > 0 else None,
-                first_s=_number(path, "X0", header, at) or 0.0,
-                stamp=_stamp(file_header, header, at, warnings),
+                first_s=number_of(path, "X0", header, at) or 0.0,
+                stamp=stamp_of(file_header, header, at, warnings),
             )
         )
     table = NumberTable(
@@ -286,8 +193,8 @@ def _load(
 
 def _layout(
     path: Path,
-    file_header: _Header,
-    header: _Header,
+    file_header: Header,
+    header: Header,
     names: list[str] | None,
     first_row: list[str],
 ) -> tuple[bool, int, int]:
@@ -326,48 +233,7 @@ def _layout(
     return multi, width, lead
 
 
-def _number(path: Path, key: str, header: _Header, column: int) -> float | None:
-    """A number of the header, at the column of a channel or of its time column."""
-    text = header.at(key, column) or header.at(key, max(column - 1, 0)) or header.first(key)
-    text = text.replace(",", ".")
-    if not text:
-        return None
-    if len(text) > 60 or not re.fullmatch(r"[+-]?\d+(\.\d*)?([eE][+-]?\d{1,3})?", text):
-        raise InputError(
-            CODE,
-            f"{path}: {key} of column {column + 1} is {text[:40]!r}, not a number",
-            cause="a damaged header",
-        )
-    value = float(text)
-    if not np.isfinite(value) or abs(value) > 1e12:
-        raise InputError(CODE, f"{path}: {key} of column {column + 1} is {text[:40]}")
-    return value
-
-
-def _stamp(file_header: _Header, header: _Header, column: int, warnings: list[str]) -> float | None:
-    """Date and time of a channel as seconds since 1970, read as UTC; None where unknown."""
-    date, time = header.at("Date", column), header.at("Time", column)
-    if not (date and time):
-        date, time = header.first("Date"), header.first("Time")
-    if not (date and time):
-        date, time = file_header.first("Date"), file_header.first("Time")
-    if not date and not time:
-        return None
-    day, clock = _DATE.fullmatch(date), _TIME.fullmatch(time)
-    try:
-        if day is None or clock is None:
-            raise ValueError
-        whole = datetime(*map(int, day.groups()), *map(int, clock.groups()[:3]), tzinfo=UTC)  # type: ignore[misc, arg-type]
-    except (ValueError, OverflowError):
-        warnings.append(
-            f"date {date[:20]!r} and time {time[:20]!r} cannot be read; "
-            "its place on the clock is unknown"
-        )
-        return None
-    return whole.timestamp() + (float(f"0.{clock[4]}") if clock[4] else 0.0)
-
-
-def _decimal_comma(file_header: _Header, body: bytes, separator: str) -> bool:
+def _decimal_comma(file_header: Header, body: bytes, separator: str) -> bool:
     """Whether numbers have a decimal comma: as the header says, else as the rows show."""
     declared = file_header.first("Decimal_Separator")
     if declared in (",", "."):
@@ -380,7 +246,7 @@ def _decimal_comma(file_header: _Header, body: bytes, separator: str) -> bool:
     )
 
 
-def _compare_count(header: _Header, table: NumberTable, warnings: list[str]) -> None:
+def _compare_count(header: Header, table: NumberTable, warnings: list[str]) -> None:
     text = header.first("Samples")
     rows = table.body.count(b"\n")
     if re.fullmatch(r"\d{1,12}", text) and rows < int(text):
@@ -392,7 +258,7 @@ def _compare_count(header: _Header, table: NumberTable, warnings: list[str]) -> 
 
 def _headerless(path: Path, text: bytes) -> Recording:
     """Rows without any header: time first, one line of names allowed."""
-    lines = _Lines(text)
+    lines = Lines(text)
     while (line := lines.peek()) is not None and not line.strip():
         lines.take()
     line = lines.peek() or b""
@@ -409,7 +275,7 @@ def _headerless(path: Path, text: bytes) -> Recording:
         names = split_cells(decoded(lines.take()), separator)
     start = lines.number
     recording = _segment(
-        path, _Header(), _Header(), names, lines.take_until(len(text)), start, separator
+        path, Header(), Header(), names, lines.take_until(len(text)), start, separator
     )
     recording.notes.append("it has no header, so its first column is taken as time in seconds")
     return recording

@@ -54,6 +54,7 @@ class NumberTable:
     most_cells: int | None = None
     fewest_cells: int = 1
     warnings: list[str] = field(default_factory=list)
+    _line_numbers: list[int] | None = field(default=None, init=False, repr=False)
 
     def __post_init__(self) -> None:
         self._drop_torn_row()
@@ -81,9 +82,10 @@ class NumberTable:
 
     def where(self, row: int) -> str:
         """The place of a row in the file, ``line 17``."""
-        for count, (line, _) in enumerate(self._lines()):
-            if count == row:
-                return f"line {line}"
+        if self._line_numbers is None:
+            self._line_numbers = [line for line, _ in self._lines()]
+        if row < len(self._line_numbers):
+            return f"line {self._line_numbers[row]}"
         return f"sample {row}"
 
     def blocks(self) -> tuple[int, ...]:
@@ -235,7 +237,7 @@ def split_cells(line: str, separator: str) -> list[str]:
     if '"' not in line:
         return line.split(separator)
     try:
-        return next(csv.reader([line], delimiter=separator), [""])
+        return next(csv.reader([line], delimiter=separator, skipinitialspace=True), [""])
     except csv.Error:
         return line.split(separator)
 

@@ -26,8 +26,8 @@ from piezo_rig.run_file.importers.words import is_time
 from piezo_rig.run_file.sweep import FloatArray
 
 CODE = "import-tdms"
-_SECONDS_AT_LEAST = 3.0
-_BYTES_PER_SECOND = 1_000_000
+_PATIENCE_S = 2.0  # for any file, and then ...
+_FIRST_MB_S, _MORE_MB_S = 1.0, 5.0  # ... for each megabyte of it
 _MOST_SCALES = 100
 _MOST_CHANNELS = 2000
 
@@ -66,7 +66,7 @@ def read_tdms(path: Path) -> list[Recording]:
             path=path,
             kind="tdms",
             columns=tuple(_column(path, channel, times) for channel in channels),
-            load=partial(_load, path, file, channels),
+            load=partial(_load, path, channels),
             where=lambda sample: f"sample {sample}",
             positional=True,
             warnings=_told(complaints),
@@ -80,10 +80,9 @@ class _PatientFile(io.BytesIO):
     def __init__(self, data: bytes) -> None:
         super().__init__(data)
         self.length = len(data)
-        self.rest()
-
-    def rest(self) -> None:
-        self.until = time.monotonic() + _SECONDS_AT_LEAST + self.length / _BYTES_PER_SECOND
+        megabytes = len(data) * 1e-6
+        patience = _PATIENCE_S + _FIRST_MB_S * megabytes + _MORE_MB_S * max(0.0, megabytes - 1)
+        self.until = time.monotonic() + patience
 
     def _check(self) -> None:
         if time.monotonic() > self.until:
@@ -208,13 +207,10 @@ def _since_1970(stamps: Any) -> Any:
     return whole.astype(np.int64) + (stamps - whole) / np.timedelta64(1, "s")
 
 
-def _load(
-    path: Path, file: _PatientFile, channels: list[Any], columns: Sequence[int]
-) -> list[FloatArray]:
+def _load(path: Path, channels: list[Any], columns: Sequence[int]) -> list[FloatArray]:
     arrays = []
     with _guarded(path):
         for column in columns:
-            file.rest()
             values = np.asarray(channels[column][:])
             if values.dtype.kind == "M":
                 values = _since_1970(values)

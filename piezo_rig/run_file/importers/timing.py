@@ -107,11 +107,20 @@ def _even_as_printed(steps: FloatArray, error: float, grain: float) -> bool:
 
 
 def _grain(times: FloatArray, step: float) -> float:
-    """The last printed decimal of the times where that is coarse beside the step, else 0."""
-    sample = times[:: max(1, times.size // 2000)]
-    for decimals in range(10):
-        if np.abs(sample * 10.0**decimals - np.round(sample * 10.0**decimals)).max() < 1e-3:
-            grain = 10.0**-decimals
+    """The coarsest rounding that the times show, in s; 0 where it is not below the step.
+
+    Times are printed with so many decimals or so many significant digits; counting
+    digits from the front serves both.
+    """
+    sample = np.abs(times[:: max(1, times.size // 2000)])
+    sample = sample[sample > 1e-3 * step]
+    if not sample.size:
+        return 0.0
+    leading = np.floor(np.log10(sample) + 1e-12)
+    for digits in range(1, 11):
+        scaled = sample * 10.0 ** (digits - 1 - leading)
+        if np.abs(scaled - np.round(scaled)).max() < 1e-4:
+            grain = float(10.0 ** (leading.max() - digits + 1))
             return grain if grain <= 0.6 * step else 0.0
     return 0.0
 

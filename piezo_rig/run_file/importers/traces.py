@@ -299,6 +299,7 @@ def joined(path: Path, traces: list[Trace]) -> list[Trace]:
     if len(traces) > MOST_PARTS:
         raise InputError("import-file", f"{path}: has more than {MOST_PARTS} parts")
     groups: list[list[Trace]] = []
+    restarted = False
     for trace in traces:
         if groups and (shifted := _following(groups[-1][-1], trace)) is not None:
             groups[-1].append(shifted)
@@ -307,16 +308,16 @@ def joined(path: Path, traces: list[Trace]) -> list[Trace]:
             last = groups[-1][-1]
             end = last.start_s + float(last.times_s[-1] - last.times_s[0])
             if trace.clock == UNDATED and trace.start_s <= end:
-                step = _step(last)
-                warning = (
-                    f"a part that begins at {trace.where(0)} has no date and starts its time "
-                    "again; it is placed straight after the part before it"
-                )
-                trace = replace(
-                    trace,
-                    stamp_s=end + step - float(trace.times_s[0]),
-                    warnings=[*trace.warnings, warning],
-                )
+                warnings = list(trace.warnings)
+                if not restarted:
+                    warnings.append(
+                        f"the part that begins at {trace.where(0)} has no date and starts its "
+                        "time again; it, and others like it, are placed straight after the part "
+                        "before them"
+                    )
+                restarted = True
+                stamp = end + _step(last) - float(trace.times_s[0])
+                trace = replace(trace, stamp_s=stamp, warnings=warnings)
         groups.append([trace])
     return [_merged(group) for group in groups]
 
