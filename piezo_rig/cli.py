@@ -23,6 +23,7 @@ VERBS = {
     "plan": "plan",
     "run": "run",
     "import": "import_recordings",
+    "identify": "identify",
     "simulate": "simulate",
     "bench": "bench",
     "show": "show",

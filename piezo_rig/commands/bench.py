@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
 
 HELP = "serve the simulated instruments"
 
@@ -22,7 +26,6 @@ def execute(args: argparse.Namespace) -> int:
     import signal
     import threading
     from contextlib import ExitStack
-    from pathlib import Path
 
     from drivers.clock import RealClock, VirtualClock
     from drivers.simulated.bench import SimulatedBench
@@ -47,5 +50,28 @@ def execute(args: argparse.Namespace) -> int:
             path.write_text(served_rig(rig.text, bench.addresses, args.clock), encoding="utf-8")
             print(f"config: {path}", flush=True)
         print(f"serving on a {args.clock} clock; Ctrl-C ends it", flush=True)
-        stop.wait()
+        while not stop.wait(0.25):
+            if args.record:
+                # A little behind the present: an instrument may be about to add an event to it.
+                plant.flush_history(max(0.0, clock.now() - 0.2))
     return 0
+
+
+@contextmanager
+def _recording(plant: Any, path: Path, clock: Any) -> Iterator[None]:
+    """Write the plant's own record of the stack into ``path`` while the bench serves."""
+    from drivers.simulated.plant.history import csv_sink
+    from piezo_rig.errors import BenchError
+
+    try:
+        file = path.open("w", encoding="utf-8")
+    except OSError as error:
+        raise BenchError("disk", f"could not write {path}: {error.strerror or error}",
+                         "the folder is missing or not yours to write",
+                         "give another --record") from None
+    with file:
+        plant.keep_history(csv_sink(file))
+        try:
+            yield
+        finally:
+            plant.flush_history(clock.now())
