@@ -29,7 +29,6 @@ RANGES_V = (0.25, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0, 128.0, 256.0)
 SMALLEST_RECORD = 8
 RECORD_STEP = 4
 _FULL_SCALE = 32767
-_NO_DATA_LEVEL = 0.9 * NO_DATA
 _POLL_S = 0.02
 _BYTES_PER_SAMPLE = 4
 
@@ -199,7 +198,7 @@ class KeysightL4532A:
         for offset in range(0, count, self._block_samples):
             size = min(self._block_samples, count - offset)
             volts[:, offset : offset + size] = self._fetch_block(wanted, offset, size)
-        missing = np.abs(volts) > _NO_DATA_LEVEL
+        missing = _missing(volts)
         if missing.any():
             raise InstrumentError(
                 "instrument-no-data",
@@ -236,7 +235,7 @@ class KeysightL4532A:
             if error.code in ("instrument-block", "instrument-error-queue"):
                 return False
             raise
-        return not bool(np.any(np.abs(samples) > _NO_DATA_LEVEL))
+        return not bool(_missing(samples).any())
 
     def _no_trigger(self, timeout_s: float) -> InstrumentError:
         return InstrumentError(
@@ -261,7 +260,8 @@ class KeysightL4532A:
                 self._link.name,
                 f"{message!r} was answered {len(payload)} bytes, {expected} were due",
             )
-        return np.frombuffer(payload, "<f4").reshape(size, len(channels)).T.astype(float)
+        with np.errstate(invalid="ignore"):  # bytes in the wrong order may spell any NaN
+            return np.frombuffer(payload, "<f4").reshape(size, len(channels)).T.astype(float)
 
     def _transfer_time(self, size: int) -> float:
         # An instrument that holds its answer back until the record is complete needs
@@ -302,6 +302,11 @@ _SETTINGS = (
     "FORM:BORD?",
     "FORM:DATA:REAL?",
 )
+
+
+def _missing(volts: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Which samples stand for ones that were never recorded."""
+    return np.abs(volts / NO_DATA - 1) < 1e-3
 
 
 def _is_real_32(answer: str) -> bool:

@@ -190,6 +190,7 @@ class VisaTransport(_BufferedTransport):
     def _open(self) -> None:
         manager = _resource_manager()
         self._socket: socket.socket | None = None
+        self._behind: Any = None
         try:
             # PyVISA raises its own errors, pyvisa-py bare exceptions and OSError.
             self._resource = manager.open_resource(
@@ -205,9 +206,11 @@ class VisaTransport(_BufferedTransport):
 
     def _find_socket(self) -> None:
         with contextlib.suppress(Exception):
-            candidate = self._library.sessions[self._session].interface
-            if isinstance(candidate, socket.socket):
-                self._socket = candidate
+            behind = self._library.sessions[self._session]
+            # It reads ahead of what it is asked for, so that the socket may look empty.
+            if isinstance(behind.interface, socket.socket) and len(behind._pending_buffer) == 0:
+                self._behind = behind
+                self._socket = behind.interface
         if self._socket is None:
             return
         failure = self._socket.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR)
@@ -222,7 +225,7 @@ class VisaTransport(_BufferedTransport):
             self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_SNDTIMEO, limit)
 
     def _shut(self) -> None:
-        self._socket = None
+        self._socket = self._behind = None
         with contextlib.suppress(Exception):
             self._resource.close()
 
@@ -251,6 +254,10 @@ class VisaTransport(_BufferedTransport):
     def _receive(self, wanted: int, deadline: float) -> bytes:
         if self._socket is None:
             return self._visa_read(1 if "SOCKET" in self.address.upper() else _CHUNK, deadline)
+        if ahead := len(self._behind._pending_buffer):
+            return self._visa_read(ahead, deadline)
+        if wanted < _WRITE_CHUNK:
+            self._acknowledge_at_once(self._socket)
         left = deadline - time.monotonic()
         if left <= 0 or not select.select([self._socket], [], [], left)[0]:
             raise self._timed_out()
@@ -262,6 +269,17 @@ class VisaTransport(_BufferedTransport):
         if waiting == 0:
             raise self._hung_up("the connection was closed at the other end")
         return self._visa_read(waiting, deadline)
+
+    @staticmethod
+    def _acknowledge_at_once(line: socket.socket) -> None:
+        """Spare a peer that has Nagle's algorithm on the wait between two short answers.
+
+        The system forgets this option, so it is set before every read.
+        """
+        option = getattr(socket, "TCP_QUICKACK", None)  # Linux only
+        if option is not None:
+            with contextlib.suppress(OSError):
+                line.setsockopt(socket.IPPROTO_TCP, option, 1)
 
     def _visa_read(self, count: int, deadline: float) -> bytes:
         import pyvisa

@@ -56,6 +56,7 @@ from drivers.transport import Transport
 
 STEP_V = 0.02
 NARROW_V = SMALLEST_SPAN_V
+_LIMIT_V = 10.0  # of levels into a high impedance
 _TOLERANCE_V = 1e-3
 _MARGIN_S = 5.0
 
@@ -158,8 +159,15 @@ class Keysight33500B:
             self._prepare_rest(found, from_v)
             self._link.apply(Setting.switch("OUTP1", True))
         elif found.is_dc:
+            self._link.apply(Setting.number("OUTP1:LOAD", INFINITE))
+            room = _LIMIT_V - (found.high - found.low) / 2
+            narrow_at = max(-room, min(room, from_v))
+            if narrow_at != from_v:
+                # Levels around this offset would lie beyond the limits: make room first.
+                self._ramp(from_v, narrow_at, slew_v_per_s, clock)
+                found = self._look()
             self._narrow_dc(found, slew_v_per_s, clock)
-            self._ramp(from_v, rest_v + NARROW_V / 2, slew_v_per_s, clock)
+            self._ramp(narrow_at, rest_v + NARROW_V / 2, slew_v_per_s, clock)
             found = self._look()
             self._prepare_rest(found, rest_v)
         else:
@@ -234,7 +242,6 @@ class Keysight33500B:
 
         LOW and HIGH are moved in turn; each moves the offset by half its own step.
         """
-        self._link.apply(Setting.number("OUTP1:LOAD", INFINITE))
         high, low, offset = found.high, found.low, found.offset
         while high - low > NARROW_V + _TOLERANCE_V:
             low = min(low + STEP_V, offset - NARROW_V / 2)

@@ -27,9 +27,7 @@ _OPEN_LIMIT_V = 10.0
 _OPEN_SMALLEST_VPP = 0.002
 _FREE_RUN_POINTS = 1_000_000
 _FREE_RUN_S = 30.0
-_FUNCTIONS = (
-    "SINusoid", "SQUare", "TRIangle", "RAMP", "PULSe", "PRBS", "NOISe", "ARBitrary", "DC",
-)  # fmt: skip
+_PERIODIC = ("SINusoid", "SQUare", "TRIangle", "RAMP", "PULSe", "PRBS", "NOISe", "ARBitrary")
 _BUILT_IN = "EXP_RISE"
 _ON_TERMINALS = ("output", "function", "burst", "trigger", "sample_rate", "frequency", "polarity")
 
@@ -63,7 +61,7 @@ class SimulatedKeysight33500B(ScpiDevice):
         slopes = ("POSitive", "NEGative")
         self.choice("trigger_out_slope", "OUTPut[1]:TRIGger:SLOPe", slopes, "POS")
         self.choice("border", "FORMat:BORDer", ("NORMal", "SWAPped"), "NORM")
-        self.choice("function", f"{source}FUNCtion[:SHAPe]", _FUNCTIONS, "SIN")
+        self.choice("function", f"{source}FUNCtion[:SHAPe]", (*_PERIODIC, "DC"), "SIN")
         self.number("frequency", f"{source}FREQuency[:CW]", 1e3, 1e-6, 30e6)
         self.on(f"{source}FUNCtion[:SHAPe]:ARBitrary", set=self._select, get=self._tell_selected)
         rate = f"{source}FUNCtion[:SHAPe]:ARBitrary:SRATe"
@@ -175,9 +173,7 @@ class SimulatedKeysight33500B(ScpiDevice):
         """The level asked for is taken as far as the limits go; the other one yields."""
         limit, smallest = self._limit, self._smallest_vpp
         errors = []
-        if (high if asked == "high" else low) != min(
-            max(high if asked == "high" else low, -limit), limit
-        ):
+        if abs(high if asked == "high" else low) > limit + 1e-9:
             errors.append(ErrorEntry(-222, f"Data out of range; {asked} level clipped to limit"))
         high, low = min(high, limit), max(low, -limit)
         if high - low < smallest - 1e-9:
@@ -224,7 +220,7 @@ class SimulatedKeysight33500B(ScpiDevice):
         if self._selected in self._arbs:
             return self._arbs[self._selected]
         rise = 1 - np.exp(-np.linspace(0, 5, 100))
-        return np.rint((rise / rise[-1] * 2 - 1) * _FULL_SCALE).astype(np.int16)
+        return np.rint(rise / rise[-1] * _FULL_SCALE).astype(np.int16)
 
     def _free_points(self) -> int:
         return _MEMORY_POINTS - sum(codes.size for codes in self._arbs.values())

@@ -97,6 +97,11 @@ class ScpiDevice:
                 except ScpiError as error:
                     self.report(error.entry)
                     continue
+                except (ScpiSyntaxError, asyncio.CancelledError):
+                    raise
+                except Exception as error:  # the client should hear of it, not just lose the line
+                    self.report(ErrorEntry(-310, f"System error; {error}"))
+                    continue
                 if answer is not None:
                     raw = answer if isinstance(answer, bytes) else answer.encode("latin-1")
                     answers.append(raw)

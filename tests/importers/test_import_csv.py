@@ -10,6 +10,7 @@ from recording_writers import csv_text, triangle, write
 
 from piezo_rig.errors import InputError
 from piezo_rig.run_file.importers import Imported, ImportOptions, read_recordings
+from piezo_rig.run_file.importers.bare_drive import read_bare_drive
 
 DRIVE = "time_s,drive_v,displacement_um"
 VOLTS = "time_s,command_v,sensor_v"
@@ -275,3 +276,11 @@ def test_the_micromanipulator_is_read_as_it_stands(shared: Path, name: str, n: i
     np.testing.assert_array_equal(
         np.column_stack([sweep.drive_v, sweep.displacement_um]), np.array(expected)[:, 1:]
     )
+
+
+@pytest.mark.parametrize(("cut", "kept"), [(0, 40), (3, 39), (16, 39)])
+def test_a_bare_drive_may_lack_its_last_line_end_but_not_the_end_of_a_number(tmp_path, cut, kept):
+    rows = [f"{k / 10!r},{20 + k * 0.1234567!r}" for k in range(40)]
+    text = "time_s,drive_v\n" + "\n".join(rows)
+    time, drive = read_bare_drive(write(tmp_path / "joined.csv", text[: len(text) - cut]))
+    assert time.size == drive.size == kept

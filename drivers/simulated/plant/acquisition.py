@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.simulated.plant.effects import size, switch
+from drivers.simulated.plant.effects import setting, switch
 
 
 @dataclass(frozen=True)
@@ -15,7 +15,7 @@ class TimeSkew:
     """The sensor channel lags: record(t) = displacement(t - delay). The drive's does not."""
 
     on: bool = switch(False)
-    delay: float = size(1e-4, "s", "of the sensor channel", low=0.0, high=0.1)
+    delay: float = setting(1e-4, "s", "of the sensor channel", low=0.0, high=0.1)
 
 
 @dataclass(frozen=True)
@@ -23,7 +23,7 @@ class ClockRatio:
     """Generator and digitizer run on different time bases."""
 
     on: bool = switch(False)
-    ppm: float = size(20.0, "ppm", "positive: the digitizer's clock is fast", -1e5, 1e5)
+    ppm: float = setting(20.0, "ppm", "positive: the digitizer's clock is fast", -1e5, 1e5)
 
 
 @dataclass(frozen=True)
@@ -31,19 +31,19 @@ class DroppedSamples:
     """Samples are missing from a record, in every channel; what follows is shifted."""
 
     on: bool = switch(False)
-    drops: tuple[tuple[int, int], ...] = size(
+    drops: tuple[tuple[int, int], ...] = setting(
         (), "samples", "index in the record of the first missing sample, and how many", low=0
     )
-    per_second: float = size(0.0, "1/s", "random single losses beside them", low=0.0)
+    per_second: float = setting(0.0, "1/s", "random single losses beside them", low=0.0)
 
 
 @dataclass(frozen=True)
 class Acquisition:
     """Turns a request for samples into the instants at which they are taken."""
 
-    time_skew: TimeSkew = TimeSkew()
-    clock_ratio: ClockRatio = ClockRatio()
-    dropped_samples: DroppedSamples = DroppedSamples()
+    time_skew: TimeSkew = field(default_factory=TimeSkew)
+    clock_ratio: ClockRatio = field(default_factory=ClockRatio)
+    dropped_samples: DroppedSamples = field(default_factory=DroppedSamples)
 
     @property
     def delay(self) -> float:

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.simulated.plant.effects import size, switch
+from drivers.simulated.plant.effects import setting, switch
 
 
 @dataclass(frozen=True)
@@ -27,12 +27,12 @@ class Stack:
     Rayleigh's law asks, up to an edge beyond which no walls are left to move.
     """
 
-    reversible: float = size(0.0944, "um/V", "slope of the reversible strain at 0 V")
-    curvature: float = size(0.0, "um/V^2", "its memoryless curvature")
-    irreversible: float = size(1.1e-3, "um/V^2", "density of pinned walls", low=0.0)
-    edge: float = size(20.0, "V", "pinning strength beyond which the density falls", low=1.0)
-    width: float = size(4.0, "V", "how gradually it falls there", low=0.1)
-    branch: float = size(5.0, "V", "reach of what happens at the beginning of a branch", low=0.5)
+    reversible: float = setting(0.0944, "um/V", "slope of the reversible strain at 0 V")
+    curvature: float = setting(0.0, "um/V^2", "its memoryless curvature")
+    irreversible: float = setting(1.1e-3, "um/V^2", "density of pinned walls", low=0.0)
+    edge: float = setting(20.0, "V", "pinning strength beyond which the density falls", low=1.0)
+    width: float = setting(4.0, "V", "how gradually it falls there", low=0.1)
+    branch: float = setting(5.0, "V", "reach of what happens at the beginning of a branch", low=0.5)
 
 
 @dataclass(frozen=True)
@@ -43,8 +43,8 @@ class Initiation:
     """
 
     on: bool = switch(True)
-    size: float = size(0.4, "um", "extra displacement of the first rise, far above the scale")
-    scale: float = size(35.0, "V", "drive by which most of it has happened", low=1.0)
+    size: float = setting(0.4, "um", "extra displacement of the first rise, far above the scale")
+    scale: float = setting(35.0, "V", "drive by which most of it has happened", low=1.0)
 
 
 @dataclass(frozen=True)
@@ -58,8 +58,8 @@ class RangeDependence:
     """
 
     on: bool = switch(True)
-    size: float = size(0.15, "1", "relative fall of the initial slope per 75 V", -0.9, 0.9)
-    fade: float = size(40.0, "V", "travel over which the excursion is forgotten", low=1.0)
+    size: float = setting(0.15, "1", "relative fall of the initial slope per 75 V", -0.9, 0.9)
+    fade: float = setting(40.0, "V", "travel over which the excursion is forgotten", low=1.0)
 
 
 @dataclass(frozen=True)
@@ -67,7 +67,7 @@ class ExtremumDependence:
     """The initial slope of a branch depends on the drive at its turning point."""
 
     on: bool = switch(False)
-    size: float = size(0.05, "1", "relative fall of the initial slope per 75 V", -0.9, 0.9)
+    size: float = setting(0.05, "1", "relative fall of the initial slope per 75 V", -0.9, 0.9)
 
 
 @dataclass(frozen=True)
@@ -78,7 +78,7 @@ class DirectionAsymmetry:
     """
 
     on: bool = switch(True)
-    ratio: float = size(1.03, "1", "first slopes dx/dV, ascending / descending", 0.2, 5.0)
+    ratio: float = setting(1.03, "1", "first slopes dx/dV, ascending / descending", 0.2, 5.0)
 
 
 @dataclass(frozen=True)
@@ -86,8 +86,8 @@ class CycleAging:
     """The travel changes in proportion to the logarithm of the cycles played."""
 
     on: bool = switch(False)
-    rate_per_decade: float = size(0.01, "1", "relative change of travel per decade of cycles")
-    reset_at_rest: bool = size(True, "", "recovery at rest starts the count again")
+    rate_per_decade: float = setting(0.01, "1", "relative change of travel per decade of cycles")
+    reset_at_rest: bool = setting(True, "", "recovery at rest starts the count again")
 
 
 @dataclass(frozen=True)
@@ -95,7 +95,7 @@ class Creep:
     """Logarithmic relaxation: first-order relaxations from 10 ms to 1000 s, two per decade."""
 
     on: bool = switch(True)
-    rate_per_decade: float = size(0.01, "1", "of the displacement change, per decade", -0.2, 0.2)
+    rate_per_decade: float = setting(0.01, "1", "of the displacement change, per decade", -0.2, 0.2)
 
 
 @dataclass(frozen=True)
@@ -103,8 +103,8 @@ class RateDependence:
     """Wall viscosity: the displacement lags by lag_um (|dV/dt| / 300 V/s)^exponent."""
 
     on: bool = switch(False)
-    lag_um: float = size(0.05, "um", "lag at 300 V/s")
-    exponent: float = size(0.6, "1", "1 is linear viscosity", low=0.1, high=3.0)
+    lag_um: float = setting(0.05, "um", "lag at 300 V/s")
+    exponent: float = setting(0.6, "1", "1 is linear viscosity", low=0.1, high=3.0)
 
 
 @dataclass(frozen=True)
@@ -112,9 +112,9 @@ class Resonance:
     """A mode of the mount takes part in the motion and rings after each corner."""
 
     on: bool = switch(True)
-    frequency: float = size(620.0, "Hz", "undamped frequency", low=1.0)
-    damping: float = size(0.03, "1", "fraction of critical", low=1e-5, high=0.999)
-    participation: float = size(0.1, "1", "share of the displacement that rides on the mode")
+    frequency: float = setting(620.0, "Hz", "undamped frequency", low=1.0)
+    damping: float = setting(0.03, "1", "fraction of critical", low=1e-5, high=0.999)
+    participation: float = setting(0.1, "1", "share of the displacement that rides on the mode")
 
 
 @dataclass(frozen=True)
@@ -126,9 +126,9 @@ class Recovery:
     """
 
     on: bool = switch(True)
-    recovery_s: float = size(20.0, "s", "rest after which the actuator is virgin", low=0.1)
-    hold_off: float = size(1.0, "s", "rest that does not yet count", low=0.0)
-    band: float = size(3.0, "V", "a constant drive of at most this magnitude is rest", low=0.0)
+    recovery_s: float = setting(20.0, "s", "rest after which the actuator is virgin", low=0.1)
+    hold_off: float = setting(1.0, "s", "rest that does not yet count", low=0.0)
+    band: float = setting(3.0, "V", "a constant drive of at most this magnitude is rest", low=0.0)
 
 
 @dataclass(frozen=True)
@@ -136,7 +136,7 @@ class Remanence:
     """A sweep begins with memory left from the one before: the part that rest never erases."""
 
     on: bool = switch(False)
-    fraction: float = size(0.2, "1", "memory left after any rest", low=0.0, high=1.0)
+    fraction: float = setting(0.2, "1", "memory left after any rest", low=0.0, high=1.0)
 
 
 THRESHOLDS = 84

@@ -13,7 +13,7 @@ interferometer, acquisition.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from drivers.simulated.plant.acquisition import (
@@ -35,7 +35,7 @@ from drivers.simulated.plant.actuator import (
     Resonance,
     Stack,
 )
-from drivers.simulated.plant.effects import read, size, table
+from drivers.simulated.plant.effects import read, setting, table
 from drivers.simulated.plant.electrical import (
     Amplifier,
     AmplifierLag,
@@ -65,43 +65,43 @@ from drivers.simulated.plant.strangers import Strangers
 class PlantConfig:
     """Amplifier, actuator, interferometer and acquisition with all their effects."""
 
-    seed: int = size(1, "", "of every random number", low=0)
+    seed: int = setting(1, "", "of every random number", low=0)
     # drive
-    amplifier: Amplifier = Amplifier()
-    drive_clipping: DriveClipping = DriveClipping()
-    slew_limit: SlewLimit = SlewLimit()
-    amplifier_lag: AmplifierLag = AmplifierLag()
-    drive_gain: DriveGain = DriveGain()
+    amplifier: Amplifier = field(default_factory=Amplifier)
+    drive_clipping: DriveClipping = field(default_factory=DriveClipping)
+    slew_limit: SlewLimit = field(default_factory=SlewLimit)
+    amplifier_lag: AmplifierLag = field(default_factory=AmplifierLag)
+    drive_gain: DriveGain = field(default_factory=DriveGain)
     # actuator
-    stack: Stack = Stack()
-    initiation_stage: Initiation = Initiation()
-    range_dependence: RangeDependence = RangeDependence()
-    extremum_dependence: ExtremumDependence = ExtremumDependence()
-    direction_asymmetry: DirectionAsymmetry = DirectionAsymmetry()
-    creep: Creep = Creep()
-    rate_dependence: RateDependence = RateDependence()
-    resonance: Resonance = Resonance()
-    cycle_aging: CycleAging = CycleAging()
-    recovery: Recovery = Recovery()
-    remanence: Remanence = Remanence()
-    strangers: Strangers = Strangers()
+    stack: Stack = field(default_factory=Stack)
+    initiation_stage: Initiation = field(default_factory=Initiation)
+    range_dependence: RangeDependence = field(default_factory=RangeDependence)
+    extremum_dependence: ExtremumDependence = field(default_factory=ExtremumDependence)
+    direction_asymmetry: DirectionAsymmetry = field(default_factory=DirectionAsymmetry)
+    creep: Creep = field(default_factory=Creep)
+    rate_dependence: RateDependence = field(default_factory=RateDependence)
+    resonance: Resonance = field(default_factory=Resonance)
+    cycle_aging: CycleAging = field(default_factory=CycleAging)
+    recovery: Recovery = field(default_factory=Recovery)
+    remanence: Remanence = field(default_factory=Remanence)
+    strangers: Strangers = field(default_factory=Strangers)
     # sensor
-    sensor: Sensor = Sensor()
-    thermal_drift: ThermalDrift = ThermalDrift()
-    periodic_nonlinearity: PeriodicNonlinearity = PeriodicNonlinearity()
-    fringe_jump: FringeJump = FringeJump()
-    sensor_clipping: SensorClipping = SensorClipping()
-    sensor_scale: SensorScale = SensorScale()
-    mains_hum: MainsHum = MainsHum()
-    outliers: Outliers = Outliers()
-    white_noise: WhiteNoise = WhiteNoise()
-    one_over_f_noise: OneOverFNoise = OneOverFNoise()
-    ar_noise: ArNoise = ArNoise()
-    quantisation: Quantisation = Quantisation()
+    sensor: Sensor = field(default_factory=Sensor)
+    thermal_drift: ThermalDrift = field(default_factory=ThermalDrift)
+    periodic_nonlinearity: PeriodicNonlinearity = field(default_factory=PeriodicNonlinearity)
+    fringe_jump: FringeJump = field(default_factory=FringeJump)
+    sensor_clipping: SensorClipping = field(default_factory=SensorClipping)
+    sensor_scale: SensorScale = field(default_factory=SensorScale)
+    mains_hum: MainsHum = field(default_factory=MainsHum)
+    outliers: Outliers = field(default_factory=Outliers)
+    white_noise: WhiteNoise = field(default_factory=WhiteNoise)
+    one_over_f_noise: OneOverFNoise = field(default_factory=OneOverFNoise)
+    ar_noise: ArNoise = field(default_factory=ArNoise)
+    quantisation: Quantisation = field(default_factory=Quantisation)
     # acquisition
-    time_skew: TimeSkew = TimeSkew()
-    clock_ratio: ClockRatio = ClockRatio()
-    dropped_samples: DroppedSamples = DroppedSamples()
+    time_skew: TimeSkew = field(default_factory=TimeSkew)
+    clock_ratio: ClockRatio = field(default_factory=ClockRatio)
+    dropped_samples: DroppedSamples = field(default_factory=DroppedSamples)
 
     def __post_init__(self) -> None:
         if self.fringe_jump.times and not self.fringe_jump.multiples:

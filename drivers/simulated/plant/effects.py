@@ -1,7 +1,7 @@
 """What every switchable effect has in common: a switch, sizes with units, and a strict reader.
 
 An effect is a frozen dataclass that stands in the file of its physics. Its
-fields are made with :func:`size`, so that the unit, the meaning and the
+fields are made with :func:`setting`, so that the unit, the meaning and the
 allowed interval are data, and a rig's config is checked against them. This
 file knows no effect.
 """
@@ -18,7 +18,7 @@ from typing import Any, TypeVar
 T = TypeVar("T")
 
 
-def size(
+def setting(
     default: Any, unit: str, text: str, low: float = -math.inf, high: float = math.inf
 ) -> Any:
     """A dataclass field that knows its unit, its meaning and the closed interval it may lie in."""

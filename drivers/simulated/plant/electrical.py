@@ -13,15 +13,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.simulated.plant.effects import size, switch
+from drivers.simulated.plant.effects import setting, switch
 
 
 @dataclass(frozen=True)
 class Amplifier:
     """Nominal amplifier: drive = gain x command + offset."""
 
-    gain: float = size(7.5, "V/V", "drive per command")
-    offset: float = size(75.0, "V", "set voltage at switch-on; drive at 0 V of command")
+    gain: float = setting(7.5, "V/V", "drive per command")
+    offset: float = setting(75.0, "V", "set voltage at switch-on; drive at 0 V of command")
 
 
 @dataclass(frozen=True)
@@ -29,8 +29,8 @@ class DriveClipping:
     """The amplifier saturates inside the commanded range."""
 
     on: bool = switch(False)
-    lower: float = size(0.0, "V", "lowest drive that it delivers")
-    upper: float = size(75.0, "V", "highest drive that it delivers")
+    lower: float = setting(0.0, "V", "lowest drive that it delivers")
+    upper: float = setting(75.0, "V", "highest drive that it delivers")
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ class SlewLimit:
     """The current limit bounds |dV/dt| into the stack's capacitance."""
 
     on: bool = switch(False)
-    limit: float = size(250.0, "V/s", "largest |dV/dt|", low=1e-3)
+    limit: float = setting(250.0, "V/s", "largest |dV/dt|", low=1e-3)
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,7 @@ class AmplifierLag:
     """First-order lag of output resistance and stack capacitance; tau = 0 is no lag."""
 
     on: bool = switch(True)
-    tau: float = size(40e-6, "s", "time constant", low=0.0, high=1.0)
+    tau: float = setting(40e-6, "s", "time constant", low=0.0, high=1.0)
 
 
 @dataclass(frozen=True)
@@ -54,8 +54,8 @@ class DriveGain:
     """The gain differs from its calibration."""
 
     on: bool = switch(False)
-    ratio: float = size(1.02, "1", "true / nominal", low=0.1, high=10.0)
-    pivot: float = size(
+    ratio: float = setting(1.02, "1", "true / nominal", low=0.1, high=10.0)
+    pivot: float = setting(
         0.0, "V", "drive that stays right: 0 scales the whole drive, 75 only the command's share"
     )
 

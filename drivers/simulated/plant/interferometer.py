@@ -8,12 +8,12 @@ twice gives the same answer.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.simulated.plant.effects import size, switch
+from drivers.simulated.plant.effects import setting, switch
 
 Array = NDArray[np.float64]
 
@@ -27,10 +27,10 @@ EIGHTH_WAVE_UM = 0.0791
 class Sensor:
     """The analogue output: volts = zero_v + polarity x displacement / sensitivity."""
 
-    switch: int = size(3, "1", "sensitivity switch", low=0, high=6)
-    zero_v: float = size(0.0, "V", "output of the recovered actuator")
-    polarity: int = size(-1, "1", "sign of volts per displacement", low=-1, high=1)
-    limit_v: float = size(10.0, "V", "largest output of either sign", low=0.0)
+    switch: int = setting(3, "1", "sensitivity switch", low=0, high=6)
+    zero_v: float = setting(0.0, "V", "output of the recovered actuator")
+    polarity: int = setting(-1, "1", "sign of volts per displacement", low=-1, high=1)
+    limit_v: float = setting(10.0, "V", "largest output of either sign", low=0.0)
 
 
 @dataclass(frozen=True)
@@ -38,8 +38,8 @@ class ThermalDrift:
     """The frame and the dead path change length with clock time."""
 
     on: bool = switch(False)
-    rate: float = size(0.5, "nm/s", "steady part")
-    walk: float = size(0.0, "nm/sqrt(s)", "random walk beside it", low=0.0)
+    rate: float = setting(0.5, "nm/s", "steady part")
+    walk: float = setting(0.0, "nm/sqrt(s)", "random walk beside it", low=0.0)
 
 
 @dataclass(frozen=True)
@@ -47,9 +47,9 @@ class PeriodicNonlinearity:
     """Polarisation mixing: an error periodic in displacement, lambda/2 = 316.4 nm."""
 
     on: bool = switch(False)
-    amplitude: float = size(3.0, "nm", "peak of the first order")
-    second_harmonic: float = size(0.25, "1", "second order over first")
-    phase: float = size(0.7, "rad", "phase of the first order at zero displacement")
+    amplitude: float = setting(3.0, "nm", "peak of the first order")
+    second_harmonic: float = setting(0.25, "1", "second order over first")
+    phase: float = setting(0.7, "rad", "phase of the first order at zero displacement")
 
 
 @dataclass(frozen=True)
@@ -57,9 +57,9 @@ class FringeJump:
     """The counter loses steps of lambda/8 = 79.1 nm, at given instants or at random."""
 
     on: bool = switch(False)
-    times: tuple[float, ...] = size((), "s", "bench times of the jumps")
-    multiples: tuple[int, ...] = size((1,), "79.1 nm", "steps, taken in turn")
-    per_second: float = size(0.0, "1/s", "random jumps beside them, sign at random", 0.0, 1.0)
+    times: tuple[float, ...] = setting((), "s", "bench times of the jumps")
+    multiples: tuple[int, ...] = setting((1,), "79.1 nm", "steps, taken in turn")
+    per_second: float = setting(0.0, "1/s", "random jumps beside them, sign at random", 0.0, 1.0)
 
 
 @dataclass(frozen=True)
@@ -67,7 +67,7 @@ class SensorClipping:
     """The measured displacement stops at a level."""
 
     on: bool = switch(False)
-    level: float = size(8.0, "um", "above the recovered actuator")
+    level: float = setting(8.0, "um", "above the recovered actuator")
 
 
 @dataclass(frozen=True)
@@ -75,7 +75,7 @@ class SensorScale:
     """The sensitivity (um/V) is not the one on the label."""
 
     on: bool = switch(False)
-    ratio: float = size(1.01, "1", "true / nominal", low=0.1, high=10.0)
+    ratio: float = setting(1.01, "1", "true / nominal", low=0.1, high=10.0)
 
 
 @dataclass(frozen=True)
@@ -83,10 +83,10 @@ class MainsHum:
     """Mains and its odd harmonics, in clock time."""
 
     on: bool = switch(False)
-    frequency: float = size(50.0, "Hz", "fundamental", low=1.0)
-    amplitude: float = size(3.0, "nm", "peak of the fundamental")
-    third: float = size(0.4, "1", "third harmonic over fundamental")
-    fifth: float = size(0.2, "1", "fifth harmonic over fundamental")
+    frequency: float = setting(50.0, "Hz", "fundamental", low=1.0)
+    amplitude: float = setting(3.0, "nm", "peak of the fundamental")
+    third: float = setting(0.4, "1", "third harmonic over fundamental")
+    fifth: float = setting(0.2, "1", "fifth harmonic over fundamental")
 
 
 @dataclass(frozen=True)
@@ -94,8 +94,8 @@ class Outliers:
     """Isolated spikes, as from an interrupted beam."""
 
     on: bool = switch(False)
-    per_second: float = size(2.0, "1/s", "rate", low=0.0)
-    height: float = size(200.0, "nm", "median height, sign at random", low=0.0)
+    per_second: float = setting(2.0, "1/s", "rate", low=0.0)
+    height: float = setting(200.0, "nm", "median height, sign at random", low=0.0)
 
 
 @dataclass(frozen=True)
@@ -103,7 +103,7 @@ class WhiteNoise:
     """Detector noise; its bandwidth exceeds every sample rate used, so rms is per sample."""
 
     on: bool = switch(True)
-    rms: float = size(2.0, "nm", "per sample, at any rate", low=0.0)
+    rms: float = setting(2.0, "nm", "per sample, at any rate", low=0.0)
 
 
 @dataclass(frozen=True)
@@ -111,7 +111,7 @@ class OneOverFNoise:
     """Air path and frame: power 1/f from 0.02 Hz to 2.5 kHz."""
 
     on: bool = switch(True)
-    rms: float = size(2.0, "nm", "over a sweep of 5 s", low=0.0)
+    rms: float = setting(2.0, "nm", "over a sweep of 5 s", low=0.0)
 
 
 @dataclass(frozen=True)
@@ -119,8 +119,8 @@ class ArNoise:
     """First-order autoregressive noise, for studies of false alarms."""
 
     on: bool = switch(False)
-    rms: float = size(5.0, "nm", "stationary", low=0.0)
-    coefficient: float = size(0.95, "1", "from sample to sample at 5 kSa/s", low=0.0, high=0.99)
+    rms: float = setting(5.0, "nm", "stationary", low=0.0)
+    coefficient: float = setting(0.95, "1", "from sample to sample at 5 kSa/s", low=0.0, high=0.99)
 
 
 @dataclass(frozen=True)
@@ -128,26 +128,26 @@ class Quantisation:
     """The converter behind the analogue output."""
 
     on: bool = switch(True)
-    bits: int = size(16, "bit", "resolution over both signs", low=2, high=32)
-    full_scale: float = size(10.0, "V", "of either sign", low=1e-6)
+    bits: int = setting(16, "bit", "resolution over both signs", low=2, high=32)
+    full_scale: float = setting(10.0, "V", "of either sign", low=1e-6)
 
 
 @dataclass(frozen=True)
 class Interferometer:
     """The instrument and everything that can be wrong with it."""
 
-    sensor: Sensor = Sensor()
-    thermal_drift: ThermalDrift = ThermalDrift()
-    periodic_nonlinearity: PeriodicNonlinearity = PeriodicNonlinearity()
-    fringe_jump: FringeJump = FringeJump()
-    sensor_clipping: SensorClipping = SensorClipping()
-    sensor_scale: SensorScale = SensorScale()
-    mains_hum: MainsHum = MainsHum()
-    outliers: Outliers = Outliers()
-    white_noise: WhiteNoise = WhiteNoise()
-    one_over_f_noise: OneOverFNoise = OneOverFNoise()
-    ar_noise: ArNoise = ArNoise()
-    quantisation: Quantisation = Quantisation()
+    sensor: Sensor = field(default_factory=Sensor)
+    thermal_drift: ThermalDrift = field(default_factory=ThermalDrift)
+    periodic_nonlinearity: PeriodicNonlinearity = field(default_factory=PeriodicNonlinearity)
+    fringe_jump: FringeJump = field(default_factory=FringeJump)
+    sensor_clipping: SensorClipping = field(default_factory=SensorClipping)
+    sensor_scale: SensorScale = field(default_factory=SensorScale)
+    mains_hum: MainsHum = field(default_factory=MainsHum)
+    outliers: Outliers = field(default_factory=Outliers)
+    white_noise: WhiteNoise = field(default_factory=WhiteNoise)
+    one_over_f_noise: OneOverFNoise = field(default_factory=OneOverFNoise)
+    ar_noise: ArNoise = field(default_factory=ArNoise)
+    quantisation: Quantisation = field(default_factory=Quantisation)
 
     def volts(self, um: Array, t: Array, tick: int, rate: float, seed: int) -> Array:
         """Sensor volts (n,) for displacements um (n,) at bench times t (n,).

@@ -6,8 +6,8 @@ ends; relaxations and the mounted mode are linear and have closed forms. Results
 do not depend on how finely the instants are chosen.
 
 State lives in three float arrays: scalars ``s`` (indices below), walls ``w`` and
-relaxations ``q``. ``c`` holds the constants, ``memo`` the exponentials of the
-last few step lengths. Units: um, V, s.
+relaxations ``q``. ``c``, ``walls`` and ``relax`` are constant; ``memo`` holds the
+exponentials of the last few step lengths. Units: um, V, s.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.simulated.plant.strangers_kernel import add_strangers
+from drivers.simulated.plant.strangers_kernel import Sizes, add_strangers
 
 Array = NDArray[np.float64]
 
@@ -37,7 +37,9 @@ STATIC, MODE, MODE_SPEED, LAGGED_DRIVE = 14, 15, 16, 17
 REST, REST_DRIVE, MEMORY = 18, 19, 20
 # strangers: parity smoothed over travel, heat, mirror behind a gap
 PARITY, HEAT, MIRROR = 21, 22, 23
-SCALARS = 24
+# walls that slide with the drive: how many, and which way
+SLIDING, HEADING = 24, 25
+SCALARS = 26
 
 SETTLED_V = 1e-9
 TOLERANCE_S = 1e-9
@@ -50,15 +52,18 @@ MEMORY_AFTER_REST = 1e-5
 
 MEMO_SLOTS = 4
 
+# Rows of the tables. Walls (5, n + 1): pinning strength, density, share in the
+# beginning of a branch, and sums of the latter two over all weaker walls.
+STRENGTH, DENSITY, BEGIN_WEIGHT, DENSITY_BELOW, BEGIN_BELOW = range(5)
+# Relaxations (2, n): time constant, weight.
+SPAN, WEIGHT = range(2)
+
 
 class Constants(NamedTuple):
     """What the kernel needs of the config; an effect that is off has size zero."""
 
     tau: float
     slew: float  # 0: unlimited
-    r: Array
-    density: Array
-    begin: Array
     begin_max: float
     reversible: float
     curvature: float
@@ -70,8 +75,6 @@ class Constants(NamedTuple):
     asymmetry: float  # um/V
     aging: float
     aging_resets: float
-    creep_time: Array
-    creep_weight: Array
     viscosity: float
     viscosity_exponent: float
     frequency: float
@@ -82,21 +85,21 @@ class Constants(NamedTuple):
     recovery_end: float
     rest_band: float
     remanence: float
-    strangers: Array  # see strangers_kernel.py
+    strangers: Sizes
 
 
-def new_state(c: Constants) -> tuple[Array, Array, Array, Array]:
+def new_state(walls: Array, relax: Array) -> tuple[Array, Array, Array, Array]:
     """A virgin actuator at 0 V at time 0: scalars, walls, relaxations, memo."""
     s = np.zeros(SCALARS)
     s[[CYCLE, MEMORY]] = 1.0
     s[PARITY] = 1.0
-    n = c.creep_time.size
+    n = relax.shape[1]
     memo = np.zeros((MEMO_SLOTS, 2 * n + 8))
     memo[:, 0] = -1.0
-    return s, np.zeros(c.r.size), np.zeros(n), memo
+    return s, np.zeros(walls.shape[1] - 1), np.zeros(n), memo
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy", forceinline=True)
 def _static(c, s):
     """Displacement without relaxation and ageing, from the state of walls and drive."""
     v = s[DRIVE]
@@ -107,7 +110,7 @@ def _static(c, s):
     return (c.reversible + c.curvature * v) * v + s[WALLS] + s[EXCESS] + first + asymmetry
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy", forceinline=True)
 def _turn(c, s, v):
     """Follow the drive's direction; a reversal counts once it exceeds REVERSAL_V."""
     if s[DIRECTION] >= 0.0:
@@ -128,28 +131,39 @@ def _turn(c, s, v):
             s[CYCLE] += 1.0
 
 
-@numba.njit(cache=True)
-def _move(c, s, w, v):
-    """Bring the drive to v: walls slide, memory of the excursion follows."""
+@numba.njit(cache=True, error_model="numpy")
+def _halt(c, walls, s, w):
+    """Write down where the sliding walls are, and let none slide."""
+    for i in range(int(s[SLIDING])):
+        w[i] = s[DRIVE] - s[HEADING] * walls[STRENGTH, i]
+    s[SLIDING] = 0.0
+
+
+@numba.njit(cache=True, error_model="numpy", forceinline=True)
+def _move(c, walls, s, w, v):
+    """Bring the drive to v: walls slide, memory of the excursion follows.
+
+    Weaker walls always slide before stronger ones, and those that slide keep
+    pace with the drive, so only their number needs to be followed.
+    """
     travel = v - s[DRIVE]
-    before = _static(c, s)
-    _turn(c, s, v)
-    slid = 0.0
-    slid_begin = 0.0
-    front = 0.0
-    for i in range(w.size):  # weaker walls always slide before stronger ones
-        low = v - c.r[i]
-        high = v + c.r[i]
-        if w[i] < low:
-            step = low - w[i]
-        elif w[i] > high:
-            step = high - w[i]
-        else:
+    heading = 1.0 if travel > 0.0 else -1.0
+    if heading != s[HEADING]:
+        _halt(c, walls, s, w)
+        s[HEADING] = heading
+    sliding = int(s[SLIDING])
+    slid = travel * walls[DENSITY_BELOW, sliding]
+    slid_begin = travel * walls[BEGIN_BELOW, sliding]
+    while sliding < w.size:
+        step = v - heading * walls[STRENGTH, sliding] - w[sliding]
+        if step * heading <= 0.0:
             break
-        w[i] += step
-        slid += c.density[i] * step
-        slid_begin += c.begin[i] * step
-        front = c.r[i]
+        slid += walls[DENSITY, sliding] * step
+        slid_begin += walls[BEGIN_WEIGHT, sliding] * step
+        sliding += 1
+    s[SLIDING] = sliding
+    front = walls[STRENGTH, sliding - 1] if sliding > 0 else 0.0
+    _turn(c, s, v)
     released = travel - slid_begin
     s[WALLS] += slid
     s[BEGIN] += released
@@ -161,26 +175,25 @@ def _move(c, s, w, v):
     s[LOWEST] = min(s[LOWEST], v)
     excursion = min(2.0 * front, s[HIGHEST] - s[LOWEST])
     s[EXCURSION] = max(s[EXCURSION] * math.exp(-distance / c.range_fade), excursion)
-    change = _static(c, s) - before
+    unaged = _static(c, s)
     if c.aging != 0.0:
-        s[AGED] += change * c.aging * math.log10(s[CYCLE])
-    s[STATIC] += change
-    if c.aging != 0.0:
-        s[STATIC] = _static(c, s) + s[AGED]
+        s[AGED] += (unaged - (s[STATIC] - s[AGED])) * c.aging * math.log10(s[CYCLE])
+    s[STATIC] = unaged + s[AGED]
 
 
-@numba.njit(cache=True)
-def _forget(c, s, w, q, factor):
+@numba.njit(cache=True, error_model="numpy")
+def _forget(c, walls, s, w, q, factor):
     """Erase memory at rest: everything but the drive shrinks by ``factor``."""
+    _halt(c, walls, s, w)
     v = s[DRIVE]
     old = s[STATIC]
-    walls = 0.0
+    moved = 0.0
     begin = v
     for i in range(w.size):
-        w[i] = min(v + c.r[i], max(v - c.r[i], factor * w[i]))
-        walls += c.density[i] * w[i]
-        begin -= c.begin[i] * w[i]
-    s[WALLS] = walls
+        w[i] = min(v + walls[STRENGTH, i], max(v - walls[STRENGTH, i], factor * w[i]))
+        moved += walls[DENSITY, i] * w[i]
+        begin -= walls[BEGIN_WEIGHT, i] * w[i]
+    s[WALLS] = moved
     s[BEGIN] = begin
     for i in (EXCESS, EXCURSION, AGED, TURNED_AT):
         s[i] *= factor
@@ -194,8 +207,8 @@ def _forget(c, s, w, q, factor):
     s[MODE] += s[STATIC] - old
 
 
-@numba.njit(cache=True)
-def _rest(c, s, w, q, dt):
+@numba.njit(cache=True, error_model="numpy", forceinline=True)
+def _rest(c, walls, s, w, q, dt):
     """Count the time at rest and let the memory decay."""
     if abs(s[DRIVE]) > c.rest_band or abs(s[DRIVE] - s[REST_DRIVE]) > 0.01:
         s[REST] = 0.0
@@ -209,44 +222,48 @@ def _rest(c, s, w, q, dt):
     if s[REST] < c.recovery_end:
         decay = math.exp(-(s[REST] - c.hold_off) / c.recovery_time)
         left += (1.0 - c.remanence) * decay
-    _forget(c, s, w, q, left / s[MEMORY])
+    _forget(c, walls, s, w, q, left / s[MEMORY])
     s[MEMORY] = left
     if left == 0.0:
         s[DIRECTION] = 0.0
         s[EXTREME] = s[DRIVE]
 
 
-@numba.njit(cache=True)
-def _factors(c, memo, dt):
+@numba.njit(cache=True, error_model="numpy", forceinline=True)
+def _recovering(c, s):
+    return c.recovery_time > 0.0 and s[MEMORY] > c.remanence and abs(s[DRIVE]) <= c.rest_band
+
+
+@numba.njit(cache=True, error_model="numpy", forceinline=True)
+def _factors(c, relax, memo, dt):
     """Row of the memo for a step dt: exponentials of lag, relaxations, mode, viscosity."""
     for k in range(MEMO_SLOTS):
         if abs(memo[k, 0] - dt) <= 1e-6 * dt:
             return k
     for k in range(MEMO_SLOTS - 1, 0, -1):
         memo[k] = memo[k - 1]
-    n = c.creep_time.size
-    row = memo[0]
-    row[0] = dt
-    row[1] = math.exp(-dt / c.tau) if c.tau > 0.0 else 0.0
-    row[2] = math.exp(-dt / VISCOSITY_WINDOW_S)
+    n = relax.shape[1]
+    memo[0, 0] = dt
+    memo[0, 1] = math.exp(-dt / c.tau) if c.tau > 0.0 else 0.0
+    memo[0, 2] = math.exp(-dt / VISCOSITY_WINDOW_S)
     omega = 2.0 * math.pi * c.frequency
     fast = omega * math.sqrt(1.0 - c.damping * c.damping)
     fall = math.exp(-c.damping * omega * dt)
     ratio = c.damping * omega / fast
-    row[3] = fall * (math.cos(fast * dt) + ratio * math.sin(fast * dt))
-    row[4] = fall * math.sin(fast * dt) / fast
-    row[5] = -omega * omega * row[4]
-    row[6] = fall * (math.cos(fast * dt) - ratio * math.sin(fast * dt))
+    memo[0, 3] = fall * (math.cos(fast * dt) + ratio * math.sin(fast * dt))
+    memo[0, 4] = fall * math.sin(fast * dt) / fast
+    memo[0, 5] = -omega * omega * memo[0, 4]
+    memo[0, 6] = fall * (math.cos(fast * dt) - ratio * math.sin(fast * dt))
     for j in range(n):
-        row[8 + j] = math.exp(-dt / c.creep_time[j])
-        apart = c.tau - c.creep_time[j]
-        if abs(apart) < 1e-6 * c.creep_time[j]:
-            apart = 1e-6 * c.creep_time[j]
-        row[8 + n + j] = c.tau / apart
+        memo[0, 8 + j] = math.exp(-dt / relax[SPAN, j])
+        apart = c.tau - relax[SPAN, j]
+        if abs(apart) < 1e-6 * relax[SPAN, j]:
+            apart = 1e-6 * relax[SPAN, j]
+        memo[0, 8 + n + j] = c.tau / apart
     return 0
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy", forceinline=True)
 def _amplifier(c, v, target, dt, lag):
     """Drive after dt: at the slew limit while that binds, then the lag's exponential."""
     if c.slew > 0.0:
@@ -262,22 +279,22 @@ def _amplifier(c, v, target, dt, lag):
     return target if abs(v - target) < SETTLED_V else v
 
 
-@numba.njit(cache=True)
-def _step(c, s, w, q, memo, dt):
-    row = memo[_factors(c, memo, dt)]
+@numba.njit(cache=True, error_model="numpy", forceinline=True)
+def _step(c, walls, relax, s, w, q, memo, dt):
+    m = _factors(c, relax, memo, dt)
     n = q.size
     start = s[STATIC]
     drive = s[DRIVE]
     moved = drive != s[TARGET]
     overshoot = 0.0  # how far the static displacement is from where its exponential ends
     if moved:
-        _move(c, s, w, _amplifier(c, drive, s[TARGET], dt, row[1]))
+        _move(c, walls, s, w, _amplifier(c, drive, s[TARGET], dt, memo[m, 1]))
         if c.tau > 0.0 and c.slew == 0.0:
-            overshoot = (s[STATIC] - start) / (1.0 - row[1])
+            overshoot = (s[STATIC] - start) / (1.0 - memo[m, 1])
     end = start + overshoot if overshoot != 0.0 else s[STATIC]
     for j in range(n):
-        part = -overshoot * row[8 + n + j]
-        q[j] = end + part * row[1] + (q[j] - end - part) * row[8 + j]
+        part = -overshoot * memo[m, 8 + n + j]
+        q[j] = end + part * memo[m, 1] + (q[j] - end - part) * memo[m, 8 + j]
     omega = 2.0 * math.pi * c.frequency
     part = 0.0
     speed = 0.0
@@ -288,28 +305,28 @@ def _step(c, s, w, q, memo, dt):
         speed = -part * rate
     place = s[MODE] - end - part
     velocity = s[MODE_SPEED] - speed
-    s[MODE] = end + part * row[1] + row[3] * place + row[4] * velocity
-    s[MODE_SPEED] = speed * row[1] + row[5] * place + row[6] * velocity
-    s[LAGGED_DRIVE] = s[DRIVE] + (s[LAGGED_DRIVE] - s[DRIVE]) * row[2]
-    _rest(c, s, w, q, dt)
+    s[MODE] = end + part * memo[m, 1] + memo[m, 3] * place + memo[m, 4] * velocity
+    s[MODE_SPEED] = speed * memo[m, 1] + memo[m, 5] * place + memo[m, 6] * velocity
+    s[LAGGED_DRIVE] = s[DRIVE] + (s[LAGGED_DRIVE] - s[DRIVE]) * memo[m, 2]
+    _rest(c, walls, s, w, q, dt)
 
 
-@numba.njit(cache=True)
-def _displacement(c, s, q, travel, dt):
+@numba.njit(cache=True, error_model="numpy", forceinline=True)
+def _displacement(c, relax, s, q, travel, dt):
     x = s[STATIC] + c.participation * (s[MODE] - s[STATIC])
     for j in range(q.size):
-        x += c.creep_weight[j] * q[j]
+        x += relax[WEIGHT, j] * q[j]
     if c.viscosity != 0.0:
         rate = (s[DRIVE] - s[LAGGED_DRIVE]) / VISCOSITY_WINDOW_S
         lag = c.viscosity * abs(rate / 300.0) ** c.viscosity_exponent
         x -= math.copysign(lag, rate)
-    if c.strangers[0] > 0.0:
+    if c.strangers.present:
         x = add_strangers(c, s, x, travel, dt)
     return x
 
 
-@numba.njit(cache=True)
-def _advance(c, s, w, q, memo, t):
+@numba.njit(cache=True, error_model="numpy", forceinline=True)
+def _advance(c, walls, relax, s, w, q, memo, t):
     """Advance to t under a constant target: short steps while anything moves."""
     while t - s[TIME] > 1e-12:
         dt = t - s[TIME]
@@ -317,30 +334,31 @@ def _advance(c, s, w, q, memo, t):
         if s[TARGET] != s[DRIVE] and dt > 1.5 * LONGEST_MOVING_STEP_S:
             dt = LONGEST_MOVING_STEP_S
             last = False
-        elif s[MEMORY] > c.remanence and abs(s[DRIVE]) <= c.rest_band:
-            if c.recovery_time > 0.0 and dt > 1.5 * LONGEST_RECOVERING_STEP_S:
-                dt = LONGEST_RECOVERING_STEP_S
-                last = False
+        elif _recovering(c, s) and dt > 1.5 * LONGEST_RECOVERING_STEP_S:
+            dt = LONGEST_RECOVERING_STEP_S
+            last = False
         before = s[DRIVE]
-        _step(c, s, w, q, memo, dt)
-        if c.strangers[0] > 0.0:
-            _displacement(c, s, q, s[DRIVE] - before, dt)
+        _step(c, walls, relax, s, w, q, memo, dt)
+        if c.strangers.present:
+            _displacement(c, relax, s, q, s[DRIVE] - before, dt)
         s[TIME] = t if last else s[TIME] + dt
 
 
-@numba.njit(cache=True)
-def _aim(c, s, w, target):
+@numba.njit(cache=True, error_model="numpy", forceinline=True)
+def _aim(c, walls, s, w, target):
     """A new target; without lag and slew limit the drive is there at once."""
     s[TARGET] = target
     if c.tau <= 0.0 and c.slew <= 0.0 and target != s[DRIVE]:
         travel = target - s[DRIVE]
-        _move(c, s, w, target)
+        _move(c, walls, s, w, target)
         return travel
     return 0.0
 
 
-@numba.njit(cache=True)
-def march(c, s, w, q, memo, begin, rate, targets, next_target, until, times, out_v, out_x):
+@numba.njit(cache=True, error_model="numpy")
+def march(
+    c, walls, relax, s, w, q, memo, begin, rate, targets, next_target, until, times, out_v, out_x
+):
     """Advance through one segment of drive, sampling at ``times`` on the way.
 
     Parameters
@@ -360,31 +378,34 @@ def march(c, s, w, q, memo, begin, rate, targets, next_target, until, times, out
     i = 0
     while i < times.size:
         tick = begin + k / rate if k < targets.size else math.inf
-        if tick <= times[i] + TOLERANCE_S and tick < until - TOLERANCE_S:
-            _advance(c, s, w, q, memo, tick)
-            travel = _aim(c, s, w, targets[k])
-            if c.strangers[0] > 0.0:
-                _displacement(c, s, q, travel, 0.0)
+        new_target = tick <= times[i] + TOLERANCE_S and tick < until - TOLERANCE_S
+        here = times[i] < until - TOLERANCE_S
+        instant = tick if new_target else (times[i] if here else until)
+        _advance(c, walls, relax, s, w, q, memo, instant)
+        travel = 0.0
+        if new_target:
+            travel = _aim(c, walls, s, w, targets[k])
             k += 1
-        elif times[i] < until - TOLERANCE_S:
-            _advance(c, s, w, q, memo, times[i])
-            out_v[i] = s[DRIVE]
-            out_x[i] = _displacement(c, s, q, 0.0, 0.0)
-            i += 1
-        else:
-            _advance(c, s, w, q, memo, until)
+            if not c.strangers.present:
+                continue
+        elif not here:
             return i
+        x = _displacement(c, relax, s, q, travel, 0.0)
+        if not new_target:
+            out_v[i] = s[DRIVE]
+            out_x[i] = x
+            i += 1
     return i
 
 
-@numba.njit(cache=True)
-def settle(c, s, w, q, v):
+@numba.njit(cache=True, error_model="numpy")
+def settle(c, walls, s, w, q, v):
     """Put the actuator at v as if it had risen there from the virgin state long ago."""
     s[TARGET] = v
     steps = 1000
     start = s[DRIVE]
     for i in range(1, steps + 1):
-        _move(c, s, w, start + (v - start) * i / steps)
+        _move(c, walls, s, w, start + (v - start) * i / steps)
     q[:] = s[STATIC]
     s[MODE] = s[STATIC]
     s[MODE_SPEED] = 0.0

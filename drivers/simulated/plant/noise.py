@@ -36,12 +36,13 @@ def _mix(z):
 def _key(seed, stream, rate):
     z = _mix(np.uint64(seed) + np.uint64(0x9E3779B97F4A7C15))
     z = _mix(z ^ (np.uint64(stream) * np.uint64(0xD1342543DE82EF95)))
-    return _mix(z + np.uint64(round(rate * 1000.0)))
+    # Signed, because it passes through the interpreter.
+    return np.int64(_mix(z + np.uint64(round(rate * 1000.0))))
 
 
 @numba.njit(cache=True, inline="always")
 def _uniform(key, index):
-    z = _mix(key + (np.uint64(index) + np.uint64(1)) * np.uint64(0x9E3779B97F4A7C15))
+    z = _mix(np.uint64(key) + (np.uint64(index) + np.uint64(1)) * np.uint64(0x9E3779B97F4A7C15))
     return (float(z >> np.uint64(11)) + 0.5) * (1.0 / 9007199254740992.0)
 
 

@@ -57,6 +57,7 @@ def read_csv(path: Path) -> list[Recording]:
         names=names,
         most_cells=len(names),
         fewest_cells=len(names),
+        by_hand=len(names) == 2,  # a drive or a target without a measurement
     )
     return [
         Recording(

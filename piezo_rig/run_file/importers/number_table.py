@@ -42,6 +42,8 @@ class NumberTable:
     names : one for each column that may be read
     most_cells : a row with more cells than this is an error; None allows any (comments)
     fewest_cells : a row with fewer cells is an error
+    by_hand : written by a person's script, where lines are often joined without a last line
+        end, not by a measurement that may have been cut off
     """
 
     path: Path
@@ -53,6 +55,7 @@ class NumberTable:
     names: Sequence[str]
     most_cells: int | None = None
     fewest_cells: int = 1
+    by_hand: bool = False
     warnings: list[str] = field(default_factory=list)
     _line_numbers: list[int] | None = field(default=None, init=False, repr=False)
 
@@ -213,14 +216,20 @@ class NumberTable:
         torn = split_cells(decoded(self.body[cut:]), self.separator)
         before = self.body[:cut].rsplit(b"\n", _ROWS_COMPARED + 1)[-_ROWS_COMPARED - 1 :]
         rows = [split_cells(decoded(line), self.separator) for line in before if line.strip()]
-        if not self._whole(torn, rows):
+        if self._whole(torn, rows):
+            self.body += b"\n"
+        elif self.by_hand and self._goes_on(torn, rows):
+            self.warnings.append(
+                "the last line has no line end; its sample was kept, because it goes on from "
+                "the ones before"
+            )
+            self.body += b"\n"
+        else:
             line = self.first_line + self.body.count(b"\n")
             self.warnings.append(
                 f"line {line} ends without a line end and may be cut off: that sample was dropped"
             )
             self.body = self.body[:cut]
-        else:
-            self.body += b"\n"
 
     def _whole(self, torn: list[str], rows: list[list[str]]) -> bool:
         width = len(self.names)
@@ -230,6 +239,20 @@ class NumberTable:
             return False
         decimals = {_decimals(row[width - 1]) for row in rows if len(row) >= width}
         return decimals == {_decimals(torn[-1])} and None not in decimals
+
+    def _goes_on(self, torn: list[str], rows: list[list[str]]) -> bool:
+        """Whether every number of the last row lies as near to the row before as is usual."""
+        width = len(self.names)
+        if len(torn) != width or len(rows) < 3:
+            return False
+        try:
+            table = np.array([[_plain_number(c) for c in row] for row in [*rows, torn]])
+        except ValueError:
+            return False
+        steps = np.abs(np.diff(table, axis=0))
+        shortest = min(len(row[-1].strip()) for row in rows)
+        near = bool(np.all(steps[-1] <= 2.0 * steps[:-1].max(axis=0)))
+        return near and len(torn[-1].strip()) >= shortest
 
 
 def split_cells(line: str, separator: str) -> list[str]:
@@ -245,3 +268,7 @@ def split_cells(line: str, separator: str) -> list[str]:
 def _decimals(cell: str) -> int | None:
     match = _FIXED_DECIMALS.fullmatch(cell.strip().replace(",", "."))
     return len(match[1]) if match else None
+
+
+def _plain_number(cell: str) -> float:
+    return float(cell.strip().replace(",", "."))
