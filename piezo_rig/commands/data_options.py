@@ -98,8 +98,8 @@ def load_data(args: argparse.Namespace) -> tuple[list[Sweep], dict[str, str]]:
         hashes[path.name] = run.sha256()
         names, found = verify(path)
         faults = {v.sweep: v.text for v in found if v.fault and v.sweep}
-        for sweep, text in faults.items():
-            print(f"warning: {path.name}: {sweep} is left out: {text}")
+        for faulty, text in faults.items():
+            print(f"warning: {path.name}: {faulty} is left out: {text}")
         good = [n for n in names if n not in faults]
         sweeps += run.sweeps(good) if good else []
     for found_sweeps in by_recording.values():

@@ -59,7 +59,9 @@ def first_model(path: Path) -> tuple[str, str]:
 def _of_condition(sweeps: list[Sweep], name: str) -> list[Sweep]:
     """All sweeps of a condition; of the one with the widest drive where it was not played."""
     if not sweeps:
-        raise InputError("no-data", "the run holds no sweeps", "it was stopped at once", "run again")
+        raise InputError(
+            "no-data", "the run holds no sweeps", "it was stopped at once", "run again"
+        )
     chosen = [s for s in sweeps if s.condition == name]
     if not chosen:
         widest = max(sweeps, key=lambda s: float(np.ptp(s.drive_v)))

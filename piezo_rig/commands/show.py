@@ -27,7 +27,8 @@ def execute(args: argparse.Namespace) -> int:
     print(f"title     {texts.get('title', '')}")
     started = f", started {texts['start_time']}" if "start_time" in texts else ""
     print(f"origin    {run.origin}{started}, {'complete' if run.complete else 'INCOMPLETE'}")
-    print(f"software  {texts.get('software_version', '?')} {texts.get('git_revision', '')}".rstrip())
+    software = f"{texts.get('software_version', '?')} {texts.get('git_revision', '')}"
+    print(f"software  {software.rstrip()}")
     if run.origin == "IMPORTED":
         for note in texts.get("notes", "").splitlines():
             print(f"noted     {note}")

@@ -29,7 +29,7 @@ def build_plan(protocol: Protocol, rig: Rig) -> Plan:
     LimitError : a sweep is longer than the instruments' memory, or outside their range
     """
     waves = [_wave(condition, protocol, rig) for condition in protocol.conditions]
-    sweeps = []
+    sweeps: list[PlannedSweep] = []
     for repeat in range(1, protocol.repeats + 1):
         for index in protocol.order_of(repeat):
             history = protocol.history if sweeps else "virgin"

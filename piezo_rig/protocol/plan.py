@@ -89,7 +89,7 @@ class Plan:
 
     @property
     def file_bytes(self) -> int:
-        """Size of the run file before compression: command as 8, each recorded channel as 4 bytes."""
+        """Size of the run file before compression: command 8, each recorded channel 4 bytes."""
         channels = 2 if self.rig.digitizer.monitor_channel else 1
         return self.samples * (8 + 4 * channels * self.rig.digitizer.oversampling)
 

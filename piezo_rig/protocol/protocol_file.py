@@ -138,7 +138,7 @@ def _simple(table: Table, waveform: str = "") -> Condition:
     waveform = waveform or table.text("waveform", choices=_WAVEFORMS[:-1])
     name, segments, details = _BUILDERS[waveform](table, waveform)
     table.finish()
-    return Condition(name, segments, {"waveform": waveform} | details)
+    return Condition(name, segments, {"waveform": waveform, **details})
 
 
 Built = tuple[str, tuple[Segment, ...], dict[str, float | str | int | bool]]

@@ -38,7 +38,8 @@ def draw(
     lines = [f"  {y_label}"] if y_label else []
     for i, row in enumerate(cells):
         label = top if i == 0 else bottom if i == height - 1 else ""
-        lines.append(label.rjust(margin) + " " + "".join(chr(0x2800 + c) for c in row).rstrip("\u2800"))
+        dots = "".join(chr(0x2800 + c) for c in row).rstrip("\u2800")
+        lines.append(f"{label.rjust(margin)} {dots}")
     left, right = f"{x0:.4g}", f"{x1:.4g} {x_label}"
     lines.append(" " * (margin + 1) + left + right.rjust(width - len(left)))
     return "\n".join(lines)

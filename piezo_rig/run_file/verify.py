@@ -1,4 +1,4 @@
-"""Checks a run: layout, checksums, completeness, units, clocks, calibration, command against monitor.
+"""Checks a run: layout, checksums, completeness, units, clocks, calibration, drive monitor.
 
 Each check says for one sweep, or for the run, what is wrong; a sweep with a
 fault may not be used, one with a warning may.
@@ -57,7 +57,8 @@ def verify(path: Path) -> tuple[list[str], list[Verdict]]:
             found += [Verdict(name, fault, text) for fault, text in problems]
             start = float(entry[name].attrs.get("start_time", np.nan))
             if run.origin != "IMPORTED" and not start > previous:
-                found.append(Verdict(name, True, f"starts at {start:g} s, not after the one before"))
+                text = f"starts at {start:g} s, not after the one before"
+                found.append(Verdict(name, True, text))
             previous = start
         if run.origin != "IMPORTED" and "loop" not in entry and run.sweep_names:
             found.append(Verdict("", True, "the default plot (loop) is missing"))
@@ -98,7 +99,8 @@ def _check_sweep(group: h5py.Group, origin: str) -> list[tuple[bool, str]]:
             continue
         bad = np.flatnonzero(~np.isfinite(channels[channel]))
         if bad.size:
-            problems.append((True, f"{channel}: {bad.size} values missing, first at sample {bad[0]}"))
+            text = f"{channel}: {bad.size} values missing, first at sample {bad[0]}"
+            problems.append((True, text))
     if problems or "sensor_v" not in channels or "command_v" not in channels:
         return problems
     return _check_values(a, channels)
@@ -114,7 +116,8 @@ def _check_values(a: dict[str, Any], channels: dict[str, np.ndarray]) -> list[tu
     if abs(float(a["zero_v"]) - sensor[0]) > 1e-6 * max(1.0, abs(sensor[0])) and (
         a["history"] != "carried" and a["origin"] != "IMPORTED"
     ):
-        problems.append((True, f"zero_v is {a['zero_v']:.6g} V, the first sample {sensor[0]:.6g} V"))
+        text = f"zero_v is {a['zero_v']:.6g} V, the first sample {sensor[0]:.6g} V"
+        problems.append((True, text))
     for word, values in (("largest", sensor), ("smallest", -sensor)):
         top = values.max()
         if np.ptp(sensor) > 0 and np.ptp(drive) > 0:

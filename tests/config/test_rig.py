@@ -68,7 +68,8 @@ def test_a_real_rig_needs_addresses(tmp_path):
 
 def test_an_amplifier_whose_rest_the_generator_cannot_reach_is_refused(tmp_path):
     (tmp_path / "amp.toml").write_text(
-        'schema = "piezo-rig/calibration/1"\ninstrument = "amplifier"\ngain = 7.0\noffset_v = 75.0\n'
+        'schema = "piezo-rig/calibration/1"\ninstrument = "amplifier"\n'
+        "gain = 7.0\noffset_v = 75.0\n"
     )
     with pytest.raises(InputError, match="rest"):
         rig_with(tmp_path, 'calibration = "amplifier"', 'calibration = "amp.toml"')

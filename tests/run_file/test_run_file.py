@@ -52,7 +52,9 @@ def written(path: Path, sweeps: int = 2, **changes) -> Path:
     for i in range(sweeps):
         writer.log(float(i), "playing", sweep=i)
         writer.wire(float(i), "waveform_dac", "out", b"*TRG\n")
-        writer.write_sweep(i, command, np.repeat(sensor, factor), np.repeat(drive, factor), 10.0 * i)
+        writer.write_sweep(
+            i, command, np.repeat(sensor, factor), np.repeat(drive, factor), 10.0 * i
+        )
     return writer.finish()
 
 

@@ -1,0 +1,41 @@
+"""Compiles the numeric kernels once, so that no later process waits for it.
+
+``make`` runs this as the last step of the set-up; an installed wheel compiles
+at its first use. What is compiled is kept beside the modules.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import tempfile
+from pathlib import Path
+
+_PROTOCOL = """
+schema = "piezo-rig/protocol/1"
+name = "warm_up"
+[[condition]]
+waveform = "triangle"
+lower_v = 0
+upper_v = [30, 50, 75]
+frequency_hz = 10
+cycles = 4
+"""
+
+
+def main() -> None:
+    """Plays and identifies a fraction of a second through every kernel."""
+    from piezo_rig.cli import main as command
+
+    with tempfile.TemporaryDirectory() as folder, contextlib.redirect_stdout(io.StringIO()):
+        protocol = Path(folder) / "warm_up.toml"
+        protocol.write_text(_PROTOCOL, encoding="utf-8")
+        with contextlib.redirect_stderr(io.StringIO()):
+            command(["run", str(protocol), "--out", folder])
+            (run,) = Path(folder).glob("*.h5")
+            command(["identify", str(run), "--model", "range", "--elements", "8",
+                     "--out", str(Path(folder) / "model.json")])
+
+
+if __name__ == "__main__":
+    main()
