@@ -30,6 +30,7 @@ class DirectionAsymmetry(Stage):
     id = "direction-asymmetry"
     place = "actuator"
     units = {"ratio": "1"}
+    neutral = {"ratio": 1.0}
 
     def shape(self, branches: Branches) -> Branches:
         r = self["ratio"]

@@ -1,9 +1,9 @@
 """The one Maxwell / Prandtl-Ishlinskii kernel, compiled.
 
-Everything that walks a drive sample by sample lives here. It is imported only
-when a walk is asked
-for, so that `--help` does not wait for it (identification has its own compiled sums). It knows volts, distances and
-indices. What a spring or a law is, it does not know.
+Everything that walks a drive sample by sample lives here. The module is
+imported only when a walk is asked for, so that `--help` does not wait for
+numba. It knows volts, distances and indices; what a spring or a law is, it
+does not know.
 
 A walk cuts the drive into *segments*: stretches on one band of one branch.
 Displacement is continuous and its slope is constant on a segment, so a walk
@@ -21,10 +21,10 @@ from __future__ import annotations
 import numba
 import numpy as np
 
-COLUMNS = 9
 # Columns of a walk's integer part: first sample, one past the last sample,
 # band (< n0: initiation; else n0 + band of the later branch), half loop that
-# the branch belongs to, 1 where the band was entered over a break point.
+# the branch belongs to, +1 or -1 (the direction) where the band was entered
+# over a break point, else 0.
 # Float part: drive at the segment's beginning and end, first slope of its
 # branch, distance from the branch's turning point at the beginning.
 
@@ -207,7 +207,7 @@ def walk(v, origin, init_knots, first_break, rest_knots, loop_start, first_slope
                     break
             else:
                 band[depth] += 1
-                entered = 1
+                entered = 1 if up else -1
     return ints[:count], floats[:count]
 
 

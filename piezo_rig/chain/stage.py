@@ -57,6 +57,7 @@ class Stage:
     place : ``drive``, ``actuator``, ``sensor`` or ``acquisition``
     locked_to : ``drive`` (repeats with the drive) or ``clock`` (left out of simulations)
     units : its parameters and their units, in order
+    neutral : values at which it does nothing, where that is not 0
     has_elements : whether it carries an element table
     """
 
@@ -64,6 +65,7 @@ class Stage:
     place: ClassVar[str] = "actuator"
     locked_to: ClassVar[str] = "drive"
     units: ClassVar[Mapping[str, str]] = {}
+    neutral: ClassVar[Mapping[str, float]] = {}
     has_elements: ClassVar[bool] = False
 
     parameters: dict[str, Parameter] = field(default_factory=dict)

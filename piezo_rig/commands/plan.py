@@ -10,7 +10,7 @@ HELP = "build and check the samples of a protocol"
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("protocol", metavar="PROTOCOL",
                         help="a file, or the name of a shipped one")
-    parser.add_argument("--rig", metavar="CONFIG", default=None, help="default: the simulated bench")
+    parser.add_argument("--rig", metavar="CONFIG", help="default: the simulated bench")
     parser.add_argument("--figure", metavar="FILE.png", help="also draw the drive into a picture")
 
 

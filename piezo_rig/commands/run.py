@@ -17,7 +17,7 @@ HELP = "play a protocol, log it, identify a first model"
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("protocol", metavar="PROTOCOL",
                         help="a file, or the name of a shipped one")
-    parser.add_argument("--rig", metavar="CONFIG", default=None, help="default: the simulated bench")
+    parser.add_argument("--rig", metavar="CONFIG", help="default: the simulated bench")
     parser.add_argument("--out", metavar="DIR", default="runs", help="default: runs")
 
 

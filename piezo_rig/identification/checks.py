@@ -119,9 +119,6 @@ def check_agreement(sweeps: Sequence[Sweep]) -> None:
             ("polarity", float(first.polarity), float(sweep.polarity), 1.0),
         )
         for name, a, b, size in pairs:
-            if name == "sensitivity" and first.polarity == sweep.polarity:
-                # another switch position is another calibration of the same sensor
-                continue
             if abs(a - b) > AGREE * size:
                 raise InputError(
                     "calibrations-disagree",
