@@ -27,10 +27,10 @@ class Stack:
     Rayleigh's law asks, up to an edge beyond which no walls are left to move.
     """
 
-    reversible: float = setting(0.0976, "um/V", "slope of the reversible strain at 0 V")
-    curvature: float = setting(4.0e-5, "um/V^2", "its memoryless curvature")
+    reversible: float = setting(0.1000, "um/V", "slope of the reversible strain at 0 V")
+    curvature: float = setting(-2.0e-5, "um/V^2", "its memoryless curvature")
     irreversible: float = setting(1.75e-3, "um/V^2", "density of pinned walls", low=0.0)
-    edge: float = setting(37.2, "V", "pinning strength beyond which the density falls", low=1.0)
+    edge: float = setting(39.0, "V", "pinning strength beyond which the density falls", low=1.0)
     width: float = setting(1.5, "V", "how gradually it falls there", low=0.1)
     branch: float = setting(5.0, "V", "reach of what happens at the beginning of a branch", low=0.5)
 
@@ -47,7 +47,7 @@ class Initiation:
 
     on: bool = switch(True)
     size: float = setting(-0.46, "um", "strain of the first rise, far above the scale")
-    scale: float = setting(45.0, "V", "drive by which most of it has happened", low=1.0)
+    scale: float = setting(42.0, "V", "drive by which most of it has happened", low=1.0)
 
 
 @dataclass(frozen=True)
@@ -81,7 +81,7 @@ class DirectionAsymmetry:
     """
 
     on: bool = switch(True)
-    ratio: float = setting(1.03, "1", "first slopes dx/dV, ascending / descending", 0.2, 5.0)
+    ratio: float = setting(1.05, "1", "first slopes dx/dV, ascending / descending", 0.2, 5.0)
 
 
 @dataclass(frozen=True)

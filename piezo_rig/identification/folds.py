@@ -1,0 +1,80 @@
+"""What is held out: conditions, else sweeps, else the last third of the cycles."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from piezo_rig.identification.data import Data
+from piezo_rig.identification.normal import Normal, Piece, pieces_of
+from piezo_rig.identification.solve import fill_unseen, solve_bounded
+
+FloatArray = NDArray[np.float64]
+MOST = 30  # folds
+
+
+@dataclass(frozen=True, eq=False)
+class Folds:
+    """Groups of pieces that are held out together.
+
+    Attributes
+    ----------
+    kind : ``condition``, ``sweep``, ``cycles`` or ``none``
+    groups : indices of the pieces held out in each fold
+    """
+
+    kind: str
+    groups: tuple[tuple[int, ...], ...]
+
+    @classmethod
+    def of(cls, data: Data) -> Folds:
+        pieces = pieces_of(data)
+        by_condition = _group(pieces, [data.conditions[p.sweep] for p in pieces])
+        if len(by_condition) > 1:
+            return cls("condition", by_condition)
+        by_sweep = _group(pieces, [str(p.sweep) for p in pieces])
+        if len(by_sweep) > 1:
+            return cls("sweep", by_sweep)
+        cycles = pieces_of(data, cycles=True)
+        if len(cycles) >= 3:
+            held = max(1, len(cycles) // 3)
+            return cls("cycles", (tuple(range(len(cycles) - held, len(cycles))),))
+        return cls("none", ())
+
+    def held_out_power(
+        self, normal: Normal, bounded: NDArray[np.bool_], floor: float, sizes: tuple[int, ...]
+    ) -> float:
+        """Mean square of what is held out when the rest is fitted, um^2.
+
+        ``sizes``: number of bands of each curve, for those that the rest never visits.
+        """
+        all_gram, all_right = normal.gram.sum(axis=0), normal.right.sum(axis=0)
+        groups = self.groups or (tuple(range(len(normal.pieces))),)
+        total, count = 0.0, 0.0
+        for group in groups:
+            held = list(group)
+            gram, right = normal.gram[held].sum(axis=0), normal.right[held].sum(axis=0)
+            if self.groups:
+                x = solve_bounded(all_gram - gram, all_right - right, bounded, floor)
+            else:
+                x = solve_bounded(all_gram, all_right, bounded, floor)
+            x = np.concatenate([_filled(p) for p in np.split(x, np.cumsum(sizes)[:-1])])
+            total += float(normal.power[held].sum() - 2.0 * right @ x + x @ gram @ x)
+            count += float(normal.count[held].sum())
+        return max(total, 0.0) / count
+
+
+def _filled(values: FloatArray) -> FloatArray:
+    return fill_unseen(values) if np.any(np.isfinite(values)) else np.zeros(values.size)
+
+
+def _group(pieces: tuple[Piece, ...], keys: list[str]) -> tuple[tuple[int, ...], ...]:
+    found: dict[str, list[int]] = {}
+    for i, key in enumerate(keys):
+        found.setdefault(key, []).append(i)
+    groups = [tuple(g) for g in found.values()]
+    if len(groups) > MOST:  # many recordings: hold out several at a time
+        groups = [tuple(i for g in groups[k::MOST] for i in g) for k in range(MOST)]
+    return tuple(groups)

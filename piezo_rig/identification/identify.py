@@ -1,0 +1,222 @@
+"""From sweeps to a model: the one entrance to identification."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from piezo_rig import __version__
+from piezo_rig.causes import CAUSES, NAMED_MODELS, named_model
+from piezo_rig.chain import Elements, Maxwell, Model, Parameter, Stage
+from piezo_rig.errors import InputError
+from piezo_rig.identification import least_squares, slopes
+from piezo_rig.identification.data import Data, prepare
+from piezo_rig.identification.folds import Folds
+from piezo_rig.identification.scores import Scores, held_out_scores, scores
+from piezo_rig.identification.uncertainty import Bands, bands, linearised
+from piezo_rig.run_file.sweep import Sweep
+
+FloatArray = NDArray[np.float64]
+SCHEMES = ("least-squares", "slopes")
+THESIS_ELEMENTS = 40
+Progress = Callable[[str, float], None]
+
+
+@dataclass(frozen=True, eq=False)
+class Identification:
+    """A model and how good it is.
+
+    Attributes
+    ----------
+    model : the stages, with provenance
+    scheme : ``least-squares`` or ``slopes``
+    fitted : figures on the data that the model was fitted to
+    held_out : figures on data that a refit never saw; None when nothing could be held out
+    held_out_kind : ``condition``, ``sweep``, ``cycles`` or ``none``
+    bands : 95 % bands (least squares only)
+    slopes : the slope scheme's own outcome (slopes only)
+    left_out : what of the data was not used, and why; what was chosen
+    """
+
+    model: Model
+    scheme: str
+    fitted: Scores
+    held_out: Scores | None
+    held_out_kind: str
+    bands: Bands | None = None
+    slopes: slopes.Slopes | None = None
+    left_out: list[str] = field(default_factory=list)
+
+    @property
+    def rms_nm(self) -> float:
+        """Held-out rms error, or that of the fit where nothing could be held out."""
+        return (self.held_out or self.fitted).rms_nm
+
+    @property
+    def max_percent(self) -> float:
+        """Largest error in percent of its sweep's travel, held out where possible."""
+        return (self.held_out or self.fitted).max_percent
+
+
+def identify(
+    sweeps: Sequence[Sweep],
+    model: str = "range",
+    scheme: str = "least-squares",
+    elements: int | None = None,
+    seed: int = 0,
+    progress: Progress | None = None,
+    runs: Sequence[dict[str, Any]] = (),
+) -> Identification:
+    """Identify a named model.
+
+    Parameters
+    ----------
+    sweeps : recordings of one actuator with one calibration
+    model : a name out of `NAMED_MODELS`
+    scheme : ``least-squares`` (all samples) or ``slopes`` (the thesis's)
+    elements : number of elements; chosen by held-out data (40 for the slope scheme) unless given
+    seed : of the bootstrap
+    progress : called with what is being done and the share that is done
+    runs : the files that the sweeps came from, with hashes, for the model's provenance
+
+    Raises
+    ------
+    InputError : for data, names or numbers that cannot be identified; says which and why
+    """
+    tell = progress or (lambda what, share: None)
+    kinds = named_model(model)
+    if scheme not in SCHEMES:
+        raise InputError("unknown-scheme", f"no scheme {scheme!r}", "", f"use {SCHEMES}")
+    tell("reading", 0.0)
+    data = prepare(sweeps)
+    one_curve = "initiation-stage" not in NAMED_MODELS[model]
+    laws = tuple(k for k in kinds if k.id != "initiation-stage")
+    provenance = _provenance(sweeps, runs, scheme)
+    if scheme == "slopes":
+        return _by_slopes(data, model, one_curve, laws, elements, provenance)
+    fit = least_squares.fit(data, one_curve, laws, elements, tell)
+    tell("uncertainty", 0.85)
+    normal = linearised(data, fit.curves, fit.pieces)
+    floor = least_squares.floor_of(data)
+    band = bands(data, fit.curves, normal, floor, seed)
+    reach = max(data.first_reach_v, data.later_reach_v / 2.0)
+    first = fit.curves.first_elements(reach)
+    later = first if one_curve else fit.curves.later_elements(data.later_reach_v)
+    law_stages = [_with_intervals(s, band) for s in fit.curves.law_stages()]
+    provenance |= {"held_out": fit.folds.kind, "condition_number": _short(band.condition_number)}
+    built = _build(model, first, later, one_curve, law_stages, provenance)
+    tell("held out", 0.9)
+    held = held_out_scores(data, fit.curves, normal, fit.folds, floor)
+    tell("done", 1.0)
+    notes = [*data.left_out, *fit.notes]
+    return Identification(
+        built, scheme, scores(data, built.branches()), held, fit.folds.kind, band, None, notes
+    )
+
+
+def _by_slopes(
+    data: Data,
+    name: str,
+    one_curve: bool,
+    laws: tuple[type[Stage], ...],
+    elements: int | None,
+    provenance: dict[str, Any],
+) -> Identification:
+    n = elements or THESIS_ELEMENTS
+    outcome = slopes.fit_slopes(data, one_curve, laws, n)
+    provenance = provenance | {"held_out": "none", "dx_um": outcome.dx_um}
+    provenance |= {"r_squared": dict(outcome.r_squared)} if outcome.r_squared else {}
+    built = _build(name, outcome.first, outcome.later, one_curve, list(outcome.laws), provenance)
+    folds = Folds.of(data)
+    held = None
+    if folds.kind in ("condition", "sweep"):
+        held = _slopes_held_out(data, folds, name, one_curve, laws, n)
+    return Identification(
+        built,
+        "slopes",
+        scores(data, built.branches()),
+        held,
+        folds.kind if held else "none",
+        None,
+        outcome,
+        [*data.left_out, *outcome.notes],
+    )
+
+
+def _slopes_held_out(
+    data: Data,
+    folds: Folds,
+    name: str,
+    one_curve: bool,
+    laws: tuple[type[Stage], ...],
+    elements: int,
+) -> Scores | None:
+    """The slope scheme on all but one condition, scored on that one; for every condition."""
+    from piezo_rig.identification.normal import pieces_of
+
+    pieces, found = pieces_of(data), []
+    for group in folds.groups:
+        held = {pieces[i].track for i in group}
+        rest = tuple(t for i, t in enumerate(data.tracks) if i not in held)
+        if not rest or len(rest) == len(data.tracks):
+            return None
+        try:
+            out = slopes.fit_slopes(replace(data, tracks=rest), one_curve, laws, elements)
+            built = _build(name, out.first, out.later, one_curve, list(out.laws), {})
+        except InputError:
+            return None
+        scored = replace(data, tracks=tuple(data.tracks[i] for i in sorted(held)))
+        found.append(scores(scored, built.branches()))
+    return Scores.pooled(found)
+
+
+def _build(
+    name: str,
+    first: Elements,
+    later: Elements,
+    one_curve: bool,
+    laws: list[Stage],
+    provenance: dict[str, Any],
+) -> Model:
+    stages: list[Stage] = [Maxwell.of(later)]
+    if not one_curve:
+        stages.append(CAUSES["initiation-stage"].of(first))
+    model = Model((*stages, *laws), provenance, name)
+    model.check()
+    return model
+
+
+def _with_intervals(stage: Stage, band: Bands) -> Stage:
+    parameters = {
+        n: Parameter(p.value, p.unit, band.laws.get((stage.id, n)))
+        for n, p in stage.parameters.items()
+    }
+    return type(stage)(parameters, stage.elements)
+
+
+def _provenance(
+    sweeps: Sequence[Sweep], runs: Sequence[dict[str, Any]], scheme: str
+) -> dict[str, Any]:
+    listed = []
+    for s in sweeps:
+        digest = hashlib.sha256(np.ascontiguousarray(s.command_v).tobytes())
+        digest.update(np.ascontiguousarray(s.sensor_v).tobytes())
+        listed.append(
+            {"name": s.name, "condition": s.condition, "repeat": int(s.repeat),
+             "sha256": digest.hexdigest()}
+        )  # fmt: skip
+    return {
+        "runs": list(runs),
+        "sweeps": listed,
+        "scheme": scheme,
+        "software": f"piezo-rig {__version__}",
+    }
+
+
+def _short(x: float) -> float:
+    return float(f"{x:.3g}")

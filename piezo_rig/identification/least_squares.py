@@ -1,0 +1,315 @@
+"""Constrained least squares on all samples.
+
+Given break points, the displacement is linear in the compliances; laws and,
+for clean data, the break points themselves follow by Gauss-Newton from there.
+The number of elements is what predicts held-out data best, unless it is given.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from piezo_rig.chain import Stage, dead_band
+from piezo_rig.chain.half_loops import REACH
+from piezo_rig.errors import InputError
+from piezo_rig.identification.breakpoints import equal_travel, equal_volts, read_off
+from piezo_rig.identification.curves import Curves
+from piezo_rig.identification.data import Data
+from piezo_rig.identification.folds import Folds
+from piezo_rig.identification.normal import (
+    Normal,
+    Piece,
+    normal_equations,
+    pieces_of,
+    residuals,
+    rms,
+)
+from piezo_rig.identification.polish import polish
+from piezo_rig.identification.solve import FLOOR, fill_unseen, solve_bounded
+
+FloatArray = NDArray[np.float64]
+FINE = 80  # bands from which coarser grids are summed
+COARSER = (80, 40, 20, 16, 10, 8, 5)
+WORSE = 1.01  # a coarser grid may predict this much worse than the best
+CLEAN = 3e-6  # noise below this share of the travel: break points can be read off
+EXACT = 1e-3  # of the rms on a grid: break points that were read off are the true ones
+ALIKE = 0.02  # regressors that vary less, relative to their size, do not vary
+Progress = Callable[[str, float], None]
+
+
+@dataclass(frozen=True, eq=False)
+class LeastSquares:
+    """A fit before it becomes a model."""
+
+    curves: Curves
+    pieces: tuple[Piece, ...]
+    folds: Folds
+    notes: tuple[str, ...]
+
+
+def fit(
+    data: Data,
+    one_curve: bool,
+    laws: tuple[type[Stage], ...],
+    elements: int | None,
+    progress: Progress,
+) -> LeastSquares:
+    """Fit one or two curves and the laws of the first spring; see the module."""
+    folds = Folds.of(data)
+    pieces = pieces_of(data, cycles=folds.kind == "cycles")
+    notes: list[str] = []
+    if not one_curve and not data.has_first_rise:
+        notes.append("no first rise from rest in the data: the initiation curve is taken as the "
+                     "later branch at half its size")  # fmt: skip
+    progress("elements", 0.1)
+    if elements is None:
+        curves = _chosen(data, one_curve, pieces, folds, notes)
+    else:
+        curves = _given(data, one_curve, pieces, elements, notes)
+    progress("curves", 0.4)
+    sigma = max(dead_band(t.displacement_um) for t in data.tracks) / REACH
+    curves = replace(curves, laws=tuple(_neutral(law) for law in laws))
+    if laws:
+        if curves.later_c.size < 3:
+            raise InputError(
+                "too-few-elements",
+                f"a law of the first spring needs three later elements, not {curves.later_c.size}",
+                "too few elements were asked for, or the drive hardly moves",
+                "ask for more elements, or identify `initiation`",
+            )
+        _check_laws(data, curves)
+        curves = _with_laws(data, curves, pieces)
+        progress("law", 0.6)
+    if sigma < CLEAN * data.travel_um:
+        curves = _clean(data, curves, pieces, sigma, notes)
+    progress("curves", 0.8)
+    return LeastSquares(curves, pieces, folds, tuple(notes))
+
+
+def _neutral(kind: type[Stage]) -> Stage:
+    return kind.of(**{n: kind.neutral.get(n, 0.0) for n in kind.units})
+
+
+def _check_laws(data: Data, curves: Curves) -> None:
+    """Refuse a law when all half loops have the same history."""
+    columns = np.concatenate([curves.law_derivatives(t.loops)[1:, 1:] for t in data.tracks])
+    for k, (i, name) in enumerate(curves.law_names):
+        column = columns[:, k]
+        if np.std(column) < ALIKE * np.max(np.abs(column)):
+            raise InputError(
+                "law-not-determined",
+                f"{curves.laws[i].id}: its {name} cannot be told: all {column.size} half loops "
+                "have nearly the same history",
+                "one condition cannot show how the first spring depends on history",
+                "give recordings of several ranges, or identify `initiation` or `classical`",
+            )
+
+
+def _with_laws(data: Data, curves: Curves, pieces: tuple[Piece, ...]) -> Curves:
+    """The laws fitted, with the first break where it fits best.
+
+    The law holds up to the first break, so where that lies matters: bands of the grid are
+    joined to the first one as long as the fit gains by it.
+    """
+    best, error = polish(data, curves, pieces, knots=False, steps=6, enough=1e-3)
+    worse = 0
+    joined = 1
+    while worse < 2 and curves.later_c.size - joined >= 3:
+        width = np.diff(curves.later_knots[: joined + 1], prepend=0.0)
+        mean = float(np.sum(width * curves.later_c[: joined + 1]) / np.sum(width))
+        start = replace(
+            curves,
+            later_knots=curves.later_knots[joined:],
+            later_c=np.concatenate([[mean], curves.later_c[joined + 1 :]]),
+        )
+        joined += 1
+        trial, value = polish(data, start, pieces, knots=False, steps=6, enough=1e-3)
+        if value < error:
+            best, error, worse = trial, value, 0
+        else:
+            worse += 1
+    return polish(data, best, pieces, knots=False)[0]
+
+
+# -- linear fits at given break points
+
+
+def linear(data: Data, curves: Curves, pieces: tuple[Piece, ...]) -> tuple[Curves, Normal]:
+    """Compliances at the break points of ``curves`` (no laws)."""
+    normal = normal_equations(data, curves, pieces)
+    x = solve_bounded(
+        normal.gram.sum(axis=0), normal.right.sum(axis=0), curves.bounded(False), floor_of(data)
+    )
+    return with_compliances(curves, x, data.has_first_rise), normal
+
+
+def floor_of(data: Data) -> float:
+    """Smallest compliance that a fit may give, um/V."""
+    return FLOOR * data.travel_um / max(data.first_reach_v, data.later_reach_v)
+
+
+def with_compliances(curves: Curves, x: FloatArray, first_rise: bool) -> Curves:
+    """Fitted compliances put in; bands that were never visited go on with their neighbour's."""
+    if curves.shared:
+        return curves.unpack(fill_unseen(x), False)
+    n0 = curves.first_c.size
+    later = fill_unseen(x[n0:])
+    out = replace(curves, later_c=later)
+    if first_rise:
+        return replace(out, first_c=fill_unseen(x[:n0]))
+    return replace(out, first_knots=out.later_knots / 2.0, first_c=later)
+
+
+def _start(data: Data, one_curve: bool, first: FloatArray, later: FloatArray) -> Curves:
+    c = data.travel_um / max(data.first_reach_v, data.later_reach_v)
+    if one_curve:
+        later = 2.0 * first
+    ones = [np.full(k.size + 1, c) for k in (first, later)]
+    return Curves(first, ones[0], later, ones[1], one_curve)
+
+
+def _reaches(data: Data) -> tuple[float, float]:
+    """Reach of the first rise and of a later branch; both over ground that data cover."""
+    later = data.later_reach_v
+    return (data.first_reach_v or later / 2.0), later
+
+
+def _given(
+    data: Data, one_curve: bool, pieces: tuple[Piece, ...], n: int, notes: list[str]
+) -> Curves:
+    """n elements, at equal drives or at equal displacements, whichever fits better."""
+    if n < 1 or n > 500:
+        raise InputError("elements", f"{n} elements", "", "use 1 to 500 elements")
+    first_reach, later_reach = _reaches(data)
+    reach = max(first_reach, later_reach / 2.0)
+    step = reach / n
+    first = step * np.arange(1, int(np.ceil(first_reach / step - 1e-9)))
+    later = 2.0 * step * np.arange(1, int(np.ceil(later_reach / (2.0 * step) - 1e-9)))
+    volts, _ = linear(data, _start(data, one_curve, equal_volts(reach, n) if one_curve else first,
+                                   later), pieces)  # fmt: skip
+    fine = volts
+    if n < FINE:
+        dense = equal_volts(reach, FINE)
+        two = (equal_volts(first_reach, FINE), equal_volts(later_reach, FINE))
+        fine, _ = linear(
+            data, _start(data, one_curve, *((dense, dense) if one_curve else two)), pieces
+        )
+    travel = _travel(fine, first_reach if data.has_first_rise else reach)
+    dx = travel / n
+    first = equal_travel(fine.first_knots, fine.first_c, reach if one_curve else first_reach, dx)
+    later = equal_travel(fine.later_knots, fine.later_c, later_reach, 2.0 * dx)
+    equal, _ = linear(data, _start(data, one_curve, first, later), pieces)
+    errors = [rms(data, residuals(data, c)) for c in (volts, equal)]
+    chosen = "equal steps of displacement" if errors[1] < errors[0] else "equal steps of drive"
+    notes.append(f"{n} elements as given, at {chosen}")
+    return equal if errors[1] < errors[0] else volts
+
+
+def _travel(curves: Curves, reach: float) -> float:
+    knots = np.concatenate([[0.0], curves.first_knots[curves.first_knots < reach], [reach]])
+    return float(np.sum(np.diff(knots) * curves.first_c[: knots.size - 1]))
+
+
+def _chosen(
+    data: Data, one_curve: bool, pieces: tuple[Piece, ...], folds: Folds, notes: list[str]
+) -> Curves:
+    """The smallest number of elements that predicts held-out data (nearly) best."""
+    first_reach, later_reach = _reaches(data)
+    reach = max(first_reach, later_reach / 2.0)
+    fine = _start(
+        data, one_curve, equal_volts(reach if one_curve else first_reach, FINE),
+        equal_volts(later_reach, FINE),
+    )  # fmt: skip
+    normal = normal_equations(data, fine, pieces)
+    floor = floor_of(data)
+
+    def score(sizes: tuple[int, ...]) -> float:
+        matrix = _summing(sizes)
+        small = normal.reduced(matrix)
+        bounded = np.ones(matrix.shape[1], bool)
+        return folds.held_out_power(small, bounded, floor, sizes)
+
+    best = {n: score((n,) if one_curve else (n, n)) for n in COARSER}
+    least = min(best.values())
+    n = min(k for k, v in best.items() if v <= least * WORSE**2)
+    sizes: tuple[int, ...] = (n,) if one_curve else (n, n)
+    if not one_curve and data.has_first_rise:
+        firsts = {k: score((k, n)) for k in COARSER}
+        least = min(firsts.values())
+        sizes = (min(k for k, v in firsts.items() if v <= least * WORSE**2), n)
+    notes.append(
+        f"{' and '.join(map(str, sizes))} elements, chosen by held-out {folds.kind}: "
+        + ", ".join(f"{k}: {1e3 * np.sqrt(v):.3g} nm" for k, v in sorted(best.items()))
+    )
+    grid = equal_volts(reach if one_curve else first_reach, sizes[0])
+    curves, _ = linear(
+        data, _start(data, one_curve, grid, equal_volts(later_reach, sizes[-1])), pieces
+    )
+    return curves
+
+
+def _summing(sizes: tuple[int, ...]) -> FloatArray:
+    """Matrix that gives every fine band the compliance of the coarse one it lies in."""
+    out = np.zeros((FINE * len(sizes), sum(sizes)))
+    column = 0
+    for i, n in enumerate(sizes):
+        for j in range(FINE):
+            out[i * FINE + j, column + j * n // FINE] = 1.0
+        column += n
+    return out
+
+
+# -- data without noise
+
+
+def _clean(
+    data: Data, curves: Curves, pieces: tuple[Piece, ...], sigma: float, notes: list[str]
+) -> Curves:
+    """Break points moved to where clean data have them; kept only if that is a different class."""
+    before = rms(data, residuals(data, curves))
+    starts = []
+    first, later = read_off(data, sigma)
+    if later.size and (first.size or not data.has_first_rise):
+        read = _from_read(data, curves, first, later)
+        if read is not None:
+            starts.append(read)
+    starts.append(curves)
+    best, error = curves, before
+    for start in starts:
+        try:
+            moved, _ = polish(data, start, pieces, knots=False, steps=6)
+            moved, value = polish(data, moved, pieces, knots=True, steps=15, enough=0.02)
+        except (InputError, np.linalg.LinAlgError):
+            continue
+        if value < error:
+            best, error = moved, value
+        if error < EXACT * before:
+            break
+    if error < 0.2 * before:
+        notes.append(
+            f"the data carry no noise: break points follow them ({best.first_c.size} and "
+            f"{best.later_c.size} pieces), rms from {1e3 * before:.3g} to {1e3 * error:.3g} nm"
+        )
+        return best
+    return curves
+
+
+def _from_read(
+    data: Data, curves: Curves, first: FloatArray, later: FloatArray
+) -> Curves | None:
+    laws = curves.laws
+    if curves.shared:
+        knots = np.sort(np.concatenate([first, later / 2.0]))
+        gap = 1e-4 * max(data.first_reach_v, data.later_reach_v)
+        first = knots[np.concatenate([[True], np.diff(knots) > gap])]
+    elif not data.has_first_rise:
+        first = later / 2.0
+    if first.size > 200 or later.size > 200 or (laws and later.size < 2):
+        return None
+    start = _start(data, curves.shared, first, later)
+    fitted, _ = linear(data, start, pieces_of(data))
+    return replace(fitted, laws=laws)
