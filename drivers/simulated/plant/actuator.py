@@ -27,7 +27,7 @@ class Stack:
     Rayleigh's law asks, up to an edge beyond which no walls are left to move.
     """
 
-    reversible: float = setting(0.1000, "um/V", "slope of the reversible strain at 0 V")
+    reversible: float = setting(0.1003, "um/V", "slope of the reversible strain at 0 V")
     curvature: float = setting(-2.0e-5, "um/V^2", "its memoryless curvature")
     irreversible: float = setting(1.75e-3, "um/V^2", "density of pinned walls", low=0.0)
     edge: float = setting(39.0, "V", "pinning strength beyond which the density falls", low=1.0)

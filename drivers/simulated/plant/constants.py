@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from drivers.simulated.plant import actuator
 from drivers.simulated.plant.config import PlantConfig
-from drivers.simulated.plant.kernel import (
+from drivers.simulated.plant.state import (
     BEGIN_BELOW,
     BEGIN_WEIGHT,
     DENSITY,

@@ -44,7 +44,8 @@ class History:
         self._settling = settling_s
         self._sink = sink
         self._written = START_S
-        self._last: tuple[float, float] | None = None
+        self._last: tuple[float, float] | None = None  # the newest row, not yet written
+        self._repeated = False  # it equals the row before it
 
     @property
     def oldest(self) -> float:
@@ -91,5 +92,3 @@ class History:
         self._last = (float(times[-1]), float(volts[-1]))
         if not inside.all():
             self._sink(times[~inside], volts[~inside])
-
-    _repeated = False

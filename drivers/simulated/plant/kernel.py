@@ -5,7 +5,7 @@ moves one way along a known exponential. Hysteresis depends only on where it
 ends; relaxations and the mounted mode are linear and have closed forms. Results
 do not depend on how finely the instants are chosen.
 
-State lives in three float arrays: scalars ``s`` (indices below), walls ``w`` and
+State lives in three float arrays: scalars ``s`` (indices in ``state.py``), walls ``w`` and
 relaxations ``q``. ``c``, ``walls`` and ``relax`` are constant; ``memo`` holds the
 exponentials of the last few step lengths. Units: um, V, s.
 """
@@ -13,90 +13,53 @@ exponentials of the last few step lengths. Units: um, V, s.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numba
-import numpy as np
-from numpy.typing import NDArray
 
-from drivers.simulated.plant.strangers_kernel import Sizes, add_strangers
-
-Array = NDArray[np.float64]
-
-# Scalars of the state. TIME, drive and what it heads for:
-TIME, DRIVE, TARGET = 0, 1, 2
-# moved walls z, walls at the beginning of a branch e, strain that depends on excursion
-WALLS, BEGIN, EXCESS = 3, 4, 5
-# recent excursion, largest and smallest drive since recovery
-EXCURSION, HIGHEST, LOWEST = 6, 7, 8
-# turning points: direction, running extreme, drive at the last one, cycle number, aged share
-DIRECTION, EXTREME, TURNED_AT, CYCLE, AGED = 9, 10, 11, 12, 13
-# quasi-static displacement before relaxation; mode's place and speed; drive seen by viscosity
-STATIC, MODE, MODE_SPEED, LAGGED_DRIVE = 14, 15, 16, 17
-# rest: since when (s), at which drive, memory left of what it began with
-REST, REST_DRIVE, MEMORY = 18, 19, 20
-# strangers: parity smoothed over travel, heat, mirror behind a gap
-PARITY, HEAT, MIRROR = 21, 22, 23
-# walls that slide with the drive: how many, and which way
-SLIDING, HEADING = 24, 25
-SCALARS = 26
+from drivers.simulated.plant.state import (
+    AGED,
+    BEGIN,
+    BEGIN_BELOW,
+    BEGIN_WEIGHT,
+    CYCLE,
+    DENSITY,
+    DENSITY_BELOW,
+    DIRECTION,
+    DRIVE,
+    EXCESS,
+    EXCURSION,
+    EXTREME,
+    HEADING,
+    HIGHEST,
+    LAGGED_DRIVE,
+    LOWEST,
+    MEMO_SLOTS,
+    MEMORY,
+    MIRROR,
+    MODE,
+    MODE_SPEED,
+    REST,
+    REST_DRIVE,
+    SLIDING,
+    SPAN,
+    STATIC,
+    STRENGTH,
+    TARGET,
+    TIME,
+    TURNED_AT,
+    WALLS,
+    WEIGHT,
+)
+from drivers.simulated.plant.strangers_kernel import add_strangers
 
 SETTLED_V = 1e-9
 TOLERANCE_S = 1e-9
 LONGEST_MOVING_STEP_S = 2e-4
 LONGEST_RECOVERING_STEP_S = 0.05
 REVERSAL_V = 0.05
+LONGEST_STRETCH_V = 0.25
 VISCOSITY_WINDOW_S = 3e-3
 EXCESS_FADES_OVER_V = 400.0
-MEMORY_AFTER_REST = 1e-5
-
-MEMO_SLOTS = 4
-
-# Rows of the tables. Walls (5, n + 1): pinning strength, density, share in the
-# beginning of a branch, and sums of the latter two over all weaker walls.
-STRENGTH, DENSITY, BEGIN_WEIGHT, DENSITY_BELOW, BEGIN_BELOW = range(5)
-# Relaxations (2, n): time constant, weight.
-SPAN, WEIGHT = range(2)
-
-
-class Constants(NamedTuple):
-    """What the kernel needs of the config; an effect that is off has size zero."""
-
-    tau: float
-    slew: float  # 0: unlimited
-    begin_max: float
-    reversible: float
-    curvature: float
-    initiation: float
-    initiation_scale: float
-    range_size: float  # um/V per V
-    range_fade: float
-    extremum_size: float  # um/V per V
-    asymmetry: float  # um/V
-    aging: float
-    aging_resets: float
-    viscosity: float
-    viscosity_exponent: float
-    frequency: float
-    damping: float
-    participation: float
-    recovery_time: float  # time constant; 0: never
-    hold_off: float
-    recovery_end: float
-    rest_band: float
-    remanence: float
-    strangers: Sizes
-
-
-def new_state(walls: Array, relax: Array) -> tuple[Array, Array, Array, Array]:
-    """A virgin actuator at 0 V at time 0: scalars, walls, relaxations, memo."""
-    s = np.zeros(SCALARS)
-    s[[CYCLE, MEMORY]] = 1.0
-    s[PARITY] = 1.0
-    n = relax.shape[1]
-    memo = np.zeros((MEMO_SLOTS, 2 * n + 8))
-    memo[:, 0] = -1.0
-    return s, np.zeros(walls.shape[1] - 1), np.zeros(n), memo
 
 
 @numba.njit(cache=True, error_model="numpy", forceinline=True)
@@ -139,7 +102,7 @@ def _halt(c, walls, s, w):
     s[SLIDING] = 0.0
 
 
-@numba.njit(cache=True, error_model="numpy", forceinline=True)
+@numba.njit(cache=True, error_model="numpy")
 def _move(c, walls, s, w, v):
     """Bring the drive to v: walls slide, memory of the excursion follows.
 
@@ -179,6 +142,16 @@ def _move(c, walls, s, w, v):
     if c.aging != 0.0:
         s[AGED] += (unaged - (s[STATIC] - s[AGED])) * c.aging * math.log10(s[CYCLE])
     s[STATIC] = unaged + s[AGED]
+
+
+@numba.njit(cache=True, error_model="numpy", forceinline=True)
+def _travel(c, walls, s, w, v):
+    """Bring the drive to v, a long way in short stretches: the memory changes on the way."""
+    stretches = max(1, math.ceil(abs(v - s[DRIVE]) / LONGEST_STRETCH_V))
+    start = s[DRIVE]
+    for i in range(1, stretches):
+        _move(c, walls, s, w, start + (v - start) * i / stretches)
+    _move(c, walls, s, w, v)
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -288,7 +261,7 @@ def _step(c, walls, relax, s, w, q, memo, dt):
     moved = drive != s[TARGET]
     overshoot = 0.0  # how far the static displacement is from where its exponential ends
     if moved:
-        _move(c, walls, s, w, _amplifier(c, drive, s[TARGET], dt, memo[m, 1]))
+        _travel(c, walls, s, w, _amplifier(c, drive, s[TARGET], dt, memo[m, 1]))
         if c.tau > 0.0 and c.slew == 0.0:
             overshoot = (s[STATIC] - start) / (1.0 - memo[m, 1])
     end = start + overshoot if overshoot != 0.0 else s[STATIC]
@@ -350,7 +323,7 @@ def _aim(c, walls, s, w, target):
     s[TARGET] = target
     if c.tau <= 0.0 and c.slew <= 0.0 and target != s[DRIVE]:
         travel = target - s[DRIVE]
-        _move(c, walls, s, w, target)
+        _travel(c, walls, s, w, target)
         return travel
     return 0.0
 
@@ -402,10 +375,8 @@ def march(
 def settle(c, walls, s, w, q, v):
     """Put the actuator at v as if it had risen there from the virgin state long ago."""
     s[TARGET] = v
-    steps = 1000
-    start = s[DRIVE]
-    for i in range(1, steps + 1):
-        _move(c, walls, s, w, start + (v - start) * i / steps)
+    if v != s[DRIVE]:
+        _travel(c, walls, s, w, v)
     q[:] = s[STATIC]
     s[MODE] = s[STATIC]
     s[MODE_SPEED] = 0.0

@@ -12,7 +12,7 @@ import bisect
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.simulated.plant import kernel
+from drivers.simulated.plant import kernel, state
 from drivers.simulated.plant.config import PlantConfig
 from drivers.simulated.plant.constants import constants, relaxation_table, wall_table
 from drivers.simulated.plant.timeline import SAME_INSTANT_S, Timeline
@@ -32,8 +32,8 @@ class Motion:
         self._walls = wall_table(config)
         self._relax = relaxation_table(config)
         self._timeline = timeline
-        self._s, self._w, self._q, self._memo = kernel.new_state(self._walls, self._relax)
-        self._s[kernel.TIME] = START_S
+        self._s, self._w, self._q, self._memo = state.new_state(self._walls, self._relax)
+        self._s[state.TIME] = START_S
         at_first = float(timeline.segments[0].targets[0])
         kernel.settle(self._constants, self._walls, self._s, self._w, self._q, at_first)
         self._kept: list[tuple[Array, Array, Array]] = []
@@ -41,7 +41,7 @@ class Motion:
 
     @property
     def time(self) -> float:
-        return float(self._s[kernel.TIME])
+        return float(self._s[state.TIME])
 
     @property
     def oldest(self) -> float:

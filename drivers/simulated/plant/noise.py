@@ -32,7 +32,7 @@ def _mix(z):
     return z ^ (z >> np.uint64(31))
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def _key(seed, stream, rate):
     z = _mix(np.uint64(seed) + np.uint64(0x9E3779B97F4A7C15))
     z = _mix(z ^ (np.uint64(stream) * np.uint64(0xD1342543DE82EF95)))
@@ -46,7 +46,7 @@ def _uniform(key, index):
     return (float(z >> np.uint64(11)) + 0.5) * (1.0 / 9007199254740992.0)
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def _normals(key, start, count):
     """Standard normals number start .. start + count - 1, two per Box-Muller pair."""
     out = np.empty(count)
@@ -61,12 +61,12 @@ def _normals(key, start, count):
     return out
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def _add_white(x, rms, key, tick):
     x += rms * _normals(key, tick, x.size)
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def _add_ar(x, rms, coefficient, key, tick, warm_up):
     fresh = _normals(key, tick - warm_up, x.size + warm_up)
     innovation = rms * math.sqrt(1.0 - coefficient * coefficient)
@@ -77,19 +77,20 @@ def _add_ar(x, rms, coefficient, key, tick, warm_up):
             x[i - warm_up] += state
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def _add_knots(x, t, key, spacing, phase, rms):
-    first = math.floor(t[0] / spacing + phase)
-    last = math.floor(t[-1] / spacing + phase)
+    density = 1.0 / spacing
+    first = math.floor(t[0] * density + phase)
+    last = math.floor(t[-1] * density + phase)
     knots = _normals(key, first + 1_000_000, last - first + 2)
     for i in range(x.size):
-        place = t[i] / spacing + phase - first
+        place = t[i] * density + phase - first
         k = int(place)
         f = place - k
         x[i] += rms * (knots[k] + f * (knots[k + 1] - knots[k]))
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def _add_outliers(x, height, chance, key, tick):
     for i in range(x.size):
         if _uniform(key, 3 * (tick + i)) < chance:
@@ -97,7 +98,7 @@ def _add_outliers(x, height, chance, key, tick):
             x[i] += sign * height * (0.5 + _uniform(key, 3 * (tick + i) + 2))
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def _uniforms(key, start, count):
     out = np.empty(count)
     for i in range(count):
@@ -136,9 +137,7 @@ def add_one_over_f(x: Array, rms: float, seed: int, t: Array) -> None:
         _add_knots(x, t, key, spacing, (0.618034 * (octave + 1)) % 1.0, each)
 
 
-def add_outliers(
-    x: Array, height: float, chance: float, seed: int, tick: int, rate: float
-) -> None:
+def add_outliers(x: Array, height: float, chance: float, seed: int, tick: int, rate: float) -> None:
     """Add spikes of 0.5 .. 1.5 times ``height`` to a share ``chance`` of the samples."""
     _add_outliers(x, height, chance, _key(seed, OUTLIER, rate), tick + _ORIGIN)
 

@@ -6,32 +6,24 @@ Each is continuous in the drive and, self-heating apart, independent of time.
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import Any
 
 import numba
 
+from drivers.simulated.plant.state import (
+    BEGIN,
+    CYCLE,
+    DRIVE,
+    HEAT,
+    HIGHEST,
+    MIRROR,
+    PARITY,
+    Sizes,
+)
 from drivers.simulated.plant.strangers import Strangers
-
-# Indices into the state; kernel.py names the same numbers.
-_DRIVE, _BEGIN, _HIGHEST, _CYCLE, _PARITY, _HEAT, _MIRROR = 1, 4, 7, 12, 21, 22, 23
 
 _PARITY_TRAVEL_V = 2.0
 _BEND_ONSET_V = 5.0
-
-
-class Sizes(NamedTuple):
-    """Settings as the kernel reads them; a stranger that is off has size zero."""
-
-    present: bool
-    stiction: float
-    place: float
-    width: float
-    period_two: float
-    bend: float
-    beyond: float
-    gap: float
-    heat: float
-    heat_tau: float
 
 
 def sizes(strangers: Strangers) -> Sizes:
@@ -56,17 +48,17 @@ def sizes(strangers: Strangers) -> Sizes:
 def add_strangers(c: Any, s: Any, x: float, travel: float, dt: float) -> float:
     """Displacement with the strangers, after the drive moved by ``travel`` V in dt s."""
     p = c.strangers
-    place = s[_BEGIN] / c.begin_max  # -1 .. 1: how far the branch has begun, with its direction
+    place = s[BEGIN] / c.begin_max  # -1 .. 1: how far the branch has begun, with its direction
     stuck = p.stiction * math.exp(-0.5 * ((x - p.place) / p.width) ** 2)
     y = x - stuck * place
-    parity = 1.0 if int(s[_CYCLE]) % 2 == 1 else -1.0
-    s[_PARITY] += (parity - s[_PARITY]) * (1.0 - math.exp(-abs(travel) / _PARITY_TRAVEL_V))
-    y += 0.5 * p.period_two * s[_PARITY] * (1.0 - place * place)
-    onset = min(1.0, max(0.0, (s[_HIGHEST] - p.beyond) / _BEND_ONSET_V))
-    u = s[_DRIVE] / 75.0
+    parity = 1.0 if int(s[CYCLE]) % 2 == 1 else -1.0
+    s[PARITY] += (parity - s[PARITY]) * (1.0 - math.exp(-abs(travel) / _PARITY_TRAVEL_V))
+    y += 0.5 * p.period_two * s[PARITY] * (1.0 - place * place)
+    onset = min(1.0, max(0.0, (s[HIGHEST] - p.beyond) / _BEND_ONSET_V))
+    u = s[DRIVE] / 75.0
     y += p.bend * onset * onset * (3.0 - 2.0 * onset) * 4.0 * u * (1.0 - u)
-    s[_HEAT] = s[_HEAT] * math.exp(-dt / p.heat_tau) + abs(travel) / (300.0 * p.heat_tau)
-    y += p.heat * s[_HEAT]
+    s[HEAT] = s[HEAT] * math.exp(-dt / p.heat_tau) + abs(travel) / (300.0 * p.heat_tau)
+    y += p.heat * s[HEAT]
     half = 0.5 * p.gap
-    s[_MIRROR] = min(y + half, max(y - half, s[_MIRROR]))
-    return s[_MIRROR]
+    s[MIRROR] = min(y + half, max(y - half, s[MIRROR]))
+    return s[MIRROR]
