@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 RUNS ?= runs
 
-.PHONY: demo test lint types layers check wheel bench-figures clean help
+.PHONY: demo test lint types layers check wheel bench-figures docs clean help
 
 demo: $(READY)  ## play quick_look on the simulated bench: run, model, figure
 	$(BIN)/piezo-rig run quick_look --out $(RUNS)
@@ -36,6 +36,9 @@ $(READY): pyproject.toml constraints.txt
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev]'
 	$(BIN)/python -m piezo_rig.warm_up
 	touch $@
+
+docs: $(READY)  ## write what the documents take from the program itself
+	$(BIN)/python -m tests.docs.write
 
 clean:  ## remove what was made (runs stay)
 	rm -rf $(VENV) dist build .mypy_cache .ruff_cache .pytest_cache .hypothesis

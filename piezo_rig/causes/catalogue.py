@@ -30,7 +30,9 @@ def _find() -> dict[str, type[Stage]]:
         if module == "catalogue":
             continue
         for thing in vars(importlib.import_module(f"{_package.__name__}.{module}")).values():
-            if isinstance(thing, type) and issubclass(thing, Stage) and thing.id not in ("", "maxwell"):
+            if not (isinstance(thing, type) and issubclass(thing, Stage)):
+                continue
+            if thing.id not in ("", "maxwell"):
                 found[thing.id] = thing
     return found
 

@@ -14,7 +14,9 @@ Plausible: ratios of 0.9 to 1.1.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
+from typing import ClassVar
 
 import numpy as np
 
@@ -29,8 +31,8 @@ class DirectionAsymmetry(Stage):
 
     id = "direction-asymmetry"
     place = "actuator"
-    units = {"ratio": "1"}
-    neutral = {"ratio": 1.0}
+    units: ClassVar[Mapping[str, str]] = {"ratio": "1"}
+    neutral: ClassVar[Mapping[str, float]] = {"ratio": 1.0}
 
     def shape(self, branches: Branches) -> Branches:
         r = self["ratio"]

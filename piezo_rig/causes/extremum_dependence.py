@@ -12,7 +12,9 @@ Plausible: thesis (Appendix B), 9.5e-4 V/um per V and -0.085 V/um; r-squared 0.0
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
+from typing import ClassVar
 
 from piezo_rig.chain.branches import Branches, FloatArray
 from piezo_rig.chain.half_loops import HalfLoops
@@ -24,7 +26,7 @@ class ExtremumDependence(Stage):
 
     id = "extremum-dependence"
     place = "actuator"
-    units = {"slope": "V/um/V", "offset": "V/um"}
+    units: ClassVar[Mapping[str, str]] = {"slope": "V/um/V", "offset": "V/um"}
 
     def shape(self, branches: Branches) -> Branches:
         def law(slopes: FloatArray, loops: HalfLoops) -> FloatArray:

@@ -14,7 +14,9 @@ Plausible: thesis, 7.5e-3 V/um per V and -0.36 V/um, against a first slope near 
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
+from typing import ClassVar
 
 from piezo_rig.chain.branches import Branches, FloatArray
 from piezo_rig.chain.half_loops import HalfLoops
@@ -26,7 +28,7 @@ class RangeDependence(Stage):
 
     id = "range-dependence"
     place = "actuator"
-    units = {"slope": "V/um/V", "offset": "V/um"}
+    units: ClassVar[Mapping[str, str]] = {"slope": "V/um/V", "offset": "V/um"}
 
     def shape(self, branches: Branches) -> Branches:
         def law(slopes: FloatArray, loops: HalfLoops) -> FloatArray:

@@ -119,11 +119,15 @@ class Branches:
         from piezo_rig.chain import kernels
 
         walked = self.walk(drive_v) if walked is None else walked
-        return kernels.fill(
+        # numpy asks for large pages, the compiled code would not
+        out = np.empty(drive_v.size)
+        kernels.fill(
             drive_v,
             walked.ints,
             walked.floats,
             self.initiation.compliance_um_per_v.size,
             self.initiation.compliance_um_per_v,
             self.rest.compliance_um_per_v,
+            out,
         )
+        return out

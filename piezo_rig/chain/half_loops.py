@@ -15,8 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
-BLOCKS, BLOCK = 12, 1500  # samples looked at for the dead band
+BLOCKS, BLOCK = 16, 400  # samples looked at for the dead band
 REACH = 10.0  # dead band in standard deviations: two extremes of a long hold
+LARGEST = 0.05  # of the drive's range
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,7 +68,10 @@ def dead_band(drive_v: FloatArray) -> float:
     small = [np.clip(d, -cut, cut) for d in third]
     products = sum(float(np.dot(d[1:], d[:-1])) for d in small)
     power = sum(float(np.dot(d, d)) for d in small)
-    return REACH * sigma if products < -0.3 * power else 0.0
+    if products >= -0.3 * power:
+        return 0.0
+    # what is larger than that is a waveform of few samples, not noise on one
+    return REACH * sigma if REACH * sigma < LARGEST * float(np.ptp(drive_v)) else 0.0
 
 
 def half_loops(drive_v: FloatArray, band: float | None = None) -> HalfLoops:

@@ -73,13 +73,29 @@ def _first_beyond(v, i, end, limit, up):
     """First index in i..end whose drive lies beyond the limit; end + 1 if none."""
     if i > end or (v[end] <= limit if up else v[end] >= limit):
         return end + 1
-    step = 1
+    if end - i <= 12:
+        while (v[i] <= limit) if up else (v[i] >= limit):
+            i += 1
+        return i
+    # most drives are nearly straight between two events: guess, then bracket
     low = i - 1
-    high = i
-    while (v[high] <= limit) if up else (v[high] >= limit):
-        low = high
-        high = min(high + step, end)
-        step *= 2
+    high = end
+    rise = v[end] - v[i]
+    guess = i + np.int64((limit - v[i]) / rise * (end - i)) if rise != 0.0 else i
+    guess = min(max(guess, i), end)
+    step = 1
+    if (v[guess] <= limit) if up else (v[guess] >= limit):
+        low = guess
+        while low + step < high and ((v[low + step] <= limit) if up else (v[low + step] >= limit)):
+            low += step
+            step *= 2
+        high = min(low + step, high)
+    else:
+        high = guess
+        while high - step > low and ((v[high - step] > limit) if up else (v[high - step] < limit)):
+            high -= step
+            step *= 2
+        low = max(high - step, low)
     while high - low > 1:
         mid = (low + high) >> 1
         if (v[mid] <= limit) if up else (v[mid] >= limit):
@@ -212,9 +228,8 @@ def walk(v, origin, init_knots, first_break, rest_knots, loop_start, first_slope
 
 
 @numba.njit(cache=True, boundscheck=False)
-def fill(v, ints, floats, n0, init_compliance, rest_compliance):
-    """Displacement of a walked drive, um, shape (n,); 0 at the walk's origin."""
-    out = np.empty(v.size)
+def fill(v, ints, floats, n0, init_compliance, rest_compliance, out):
+    """Displacement of a walked drive into ``out``, um, shape (n,); 0 at the walk's origin."""
     y = 0.0
     for s in range(ints.shape[0]):
         code = ints[s, 2]
@@ -231,7 +246,6 @@ def fill(v, ints, floats, n0, init_compliance, rest_compliance):
         for k in range(drive.size):
             piece[k] = base + c * drive[k]
         y += c * (floats[s, 1] - begin)
-    return out
 
 
 @numba.njit(cache=True, boundscheck=False)

@@ -101,9 +101,9 @@ class Model:
         if history not in ("virgin", "carried", "unknown"):
             raise InputError("history", f"history {history!r} is not virgin, carried or unknown")
         active = [s for s in self.stages if s.locked_to == "drive"]
-        if history != "virgin" or any(s.units or s.place == "drive" for s in active):
-            if not np.all(np.isfinite(drive)):
-                _refuse_gaps(drive)
+        looks_at_all = history != "virgin" or any(s.units or s.place == "drive" for s in active)
+        if looks_at_all and not np.all(np.isfinite(drive)):
+            _refuse_gaps(drive)
         before = 0
         if history != "virgin":
             drive = _preceded(drive)

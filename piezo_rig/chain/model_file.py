@@ -118,7 +118,7 @@ def _stage(data: Any, stages: Mapping[str, type[Stage]]) -> Stage:
 
 def _parameter(id: str, name: str, data: Any, unit: str) -> Parameter:
     value = data.get("value") if isinstance(data, dict) else None
-    if not _number(value):
+    if value is None or not _number(value):
         raise InputError("model-stage", f"stage {id}: {name} has no value that is a number")
     if data.get("unit", unit) != unit:
         raise InputError(

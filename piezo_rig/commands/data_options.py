@@ -39,7 +39,10 @@ def add_data_arguments(parser: argparse.ArgumentParser) -> None:
     add_reading_arguments(parser)
 
 
-def read_recordings_as_said(paths: Sequence[str], args: argparse.Namespace) -> Imported:
+def read_recordings_as_said(
+    paths: Sequence[str], args: argparse.Namespace,
+    require: Sequence[str] = ("drive", "displacement"),
+) -> Imported:
     """Recordings read with the options given; assumptions and warnings are printed."""
     from pathlib import Path
 
@@ -58,12 +61,18 @@ def read_recordings_as_said(paths: Sequence[str], args: argparse.Namespace) -> I
     for name in ("command", "sensor", "monitor", "time"):
         if name in said and said[name].isdigit():
             said[name] = int(said[name])
-    imported = read_recordings([Path(p) for p in paths], ImportOptions(explicit=explicit, **said))
+    options = ImportOptions(explicit=explicit, **said)
+    imported = read_recordings([Path(p) for p in paths], options, require)
     for line in imported.assumptions:
         print(f"assumed: {line}")
     for line in imported.warnings:
         print(f"warning: {line}")
     return imported
+
+
+def is_run(path: str) -> bool:
+    """Whether a name is that of a run; everything else is a recording."""
+    return path.lower().endswith((".h5", ".hdf5", ".nxs"))
 
 
 def load_data(args: argparse.Namespace) -> tuple[list[Sweep], dict[str, str]]:
@@ -85,7 +94,7 @@ def load_data(args: argparse.Namespace) -> tuple[list[Sweep], dict[str, str]]:
 
     sweeps: list[Sweep] = []
     hashes: dict[str, str] = {}
-    recordings = [p for p in args.data if Path(p).suffix.lower() not in (".h5", ".hdf5", ".nxs")]
+    recordings = [p for p in args.data if not is_run(p)]
     by_recording: dict[str, list[Sweep]] = {}
     if recordings:
         for sweep in read_recordings_as_said(recordings, args).sweeps:

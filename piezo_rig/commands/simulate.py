@@ -37,8 +37,8 @@ def execute(args: argparse.Namespace) -> int:
 
     model = load_model(find("calibration", args.model))
     model.check()
+    args.history = history = args.history or "virgin"
     stretches = _drives(args)
-    history = args.history or "virgin"
     rows = []
     for time, drive in stretches:
         moved = model.simulate(time, drive, history=history, free_end=args.free_end)
@@ -54,21 +54,17 @@ def execute(args: argparse.Namespace) -> int:
 
 
 def _drives(args: argparse.Namespace) -> list[tuple[NDArray[np.float64], NDArray[np.float64]]]:
-    """Time and drive of every sweep of DRIVE; time runs on from sweep to sweep."""
-    from pathlib import Path
+    """Time and drive of every sweep of DRIVE; times of a recording stay as they are."""
+    from piezo_rig.commands.data_options import is_run, load_data, read_recordings_as_said
 
-    from piezo_rig.commands.data_options import load_data
-    from piezo_rig.run_file.importers.bare_drive import read_bare_drive
-
-    path = Path(args.drive)
-    if path.suffix.lower() == ".csv":
-        bare = read_bare_drive(path)
-        if bare is not None:
-            return [bare]
-    args.data, args.mixed_origin = [args.drive], False
-    sweeps, _ = load_data(args)
-    start = sweeps[0].start_time if path.suffix.lower() != ".csv" else 0.0
-    return [(s.time_s + (s.start_time - start), s.drive_v) for s in sweeps]
+    if is_run(args.drive):
+        args.data, args.mixed_origin = [args.drive], False
+        sweeps, _ = load_data(args)
+        begin = sweeps[0].start_time
+    else:
+        sweeps = read_recordings_as_said([args.drive], args, require=("drive",)).sweeps
+        begin = 0.0 if args.drive.lower().endswith(".csv") else sweeps[0].start_time
+    return [(s.time_s + (s.start_time - begin), s.drive_v) for s in sweeps]
 
 
 def write_table(path: Path, header: str, table: NDArray[np.float64]) -> None:

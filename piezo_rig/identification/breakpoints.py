@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -12,10 +14,12 @@ FloatArray = NDArray[np.float64]
 
 def equal_volts(reach_v: float, n: int) -> FloatArray:
     """n - 1 break points that cut 0..reach into n equal pieces."""
-    return reach_v * np.arange(1, n) / n
+    return reach_v * np.arange(1.0, n) / n
 
 
-def equal_travel(knots: FloatArray, compliance: FloatArray, reach_v: float, dx: float) -> FloatArray:
+def equal_travel(
+    knots: FloatArray, compliance: FloatArray, reach_v: float, dx: float
+) -> FloatArray:
     """Drives at which a curve has travelled dx, 2 dx, ... below its reach.
 
     This is the thesis's spacing: elements give way at equal steps of displacement.
@@ -23,7 +27,7 @@ def equal_travel(knots: FloatArray, compliance: FloatArray, reach_v: float, dx: 
     drive = np.concatenate([[0.0], knots[knots < reach_v], [reach_v]])
     c = compliance[: drive.size - 1]
     travel = np.concatenate([[0.0], np.cumsum(c * np.diff(drive))])
-    steps = dx * np.arange(1, int(np.ceil(travel[-1] / dx - 1e-9)))
+    steps = dx * np.arange(1.0, int(np.ceil(travel[-1] / dx - 1e-9)))
     return np.interp(steps, travel, drive)
 
 
@@ -95,7 +99,7 @@ def _crossings(d: FloatArray, y: FloatArray, sigma: float) -> FloatArray:
         elif beyond.size:
             tail = [float((d[-1] + d[-2]) / 2.0)]
     knots = tail
-    for (s, c), (s2, c2) in zip(lines, lines[1:], strict=False):
+    for (s, c), (s2, c2) in pairwise(lines):
         if abs(s2 - s) > 1e-9 * abs(s):
             knots.append((c - c2) / (s2 - s))
     found = np.array(knots)

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import zip_longest
 
 import numpy as np
 from numpy.typing import NDArray
@@ -120,9 +121,7 @@ class Curves:
         n0, nc = self.first_c.size, self.later_c.size
         if self.shared:
             b = x[n0:] if knots else self.first_knots
-            return replace(
-                self, first_c=x[:n0], first_knots=b, later_c=x[:n0], later_knots=2.0 * b
-            )
+            return replace(self, first_c=x[:n0], first_knots=b, later_c=x[:n0], later_knots=2.0 * b)
         parts = iter(np.split(x, np.cumsum(self._lengths(knots))[:-1]))
         first_c = next(parts)
         laws = list(self.laws)
@@ -174,8 +173,8 @@ class Curves:
             out = [True] * self.first_c.size + [False] * ((self.first_c.size - 1) * knots)
             return np.array(out)
         flags: list[bool] = []
-        kinds = (True, False, True, True, False, False) if self.by_law else (True, True, False, False)
-        for size, flag in zip(self._lengths(knots), kinds, strict=False):
+        kinds = (True, False, True, True) if self.by_law else (True, True)
+        for size, flag in zip_longest(self._lengths(knots), kinds, fillvalue=False):
             flags += [flag] * size
         if self.by_law:
             flags[self.first_c.size] = True

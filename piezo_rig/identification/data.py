@@ -1,4 +1,4 @@
-"""Sweeps made ready for identification: checked, joined where memory goes on, cut where it is known.
+"""Sweeps made ready for identification: checked, joined, and cut where memory is known.
 
 Two questions are settled here and nowhere else: what of a recording can be
 trusted (or which error names what cannot), and from which sample on the state
@@ -19,6 +19,7 @@ from piezo_rig.identification.checks import check_agreement, check_sweep
 from piezo_rig.run_file.sweep import Sweep
 
 FloatArray = NDArray[np.float64]
+COVERED = 0.5  # of the drive's range must be covered with a known memory
 EXTREME = 0.005  # of the range: this near counts as having visited an extreme
 
 
@@ -68,9 +69,7 @@ class Data:
     @property
     def travel_um(self) -> float:
         """Largest travel of one block, um."""
-        return max(
-            float(np.ptp(t.displacement_um[a:b])) for t in self.tracks for a, b in t.blocks
-        )
+        return max(float(np.ptp(t.displacement_um[a:b])) for t in self.tracks for a, b in t.blocks)
 
     @property
     def first_reach_v(self) -> float:
@@ -155,7 +154,8 @@ def _track(sweeps: list[Sweep], indices: list[int], left_out: list[str]) -> Trac
             if high - low >= 8 and np.ptp(drive[low:high]) > band:
                 blocks.append((low, high))
                 unit.append(k)
-    if not blocks or (not virgin and len(loops) < 2):
+    covered = max((float(np.ptp(drive[a:b])) for a, b in blocks), default=0.0)
+    if covered < COVERED * float(np.ptp(drive)):
         left_out.append(f"{sweeps[0].name}: too few half loops")
         return None
     return Track(
@@ -183,4 +183,6 @@ def _known(drive: FloatArray, loops: HalfLoops, band: float) -> list[tuple[int, 
     inside = np.concatenate([[False], (drive[1:] <= high) & (drive[1:] >= low)])
     inside[: loops.start[1]] = False
     change = np.flatnonzero(np.diff(np.concatenate([[0], inside.astype(np.int8), [0]])))
-    return [(int(a), int(b)) for a, b in zip(change[::2], change[1::2], strict=True) if b - a >= 8]
+    # each begins at the turning point just before it
+    pairs = zip(change[::2], change[1::2], strict=True)
+    return [(int(a) - 1, int(b)) for a, b in pairs if b - a >= 8]

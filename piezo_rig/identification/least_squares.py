@@ -91,12 +91,17 @@ def fit(
 
 
 def _neutral(kind: type[Stage]) -> Stage:
-    return kind.of(**{n: kind.neutral.get(n, 0.0) for n in kind.units})
+    return kind.of(None, **{n: kind.neutral.get(n, 0.0) for n in kind.units})
 
 
 def _check_laws(data: Data, curves: Curves) -> None:
     """Refuse a law when all half loops have the same history."""
-    columns = np.concatenate([curves.law_derivatives(t.loops)[1:, 1:] for t in data.tracks])
+    used = []
+    for track in data.tracks:
+        start = track.loops.start
+        inside = np.any([(start >= max(a, 1)) & (start < b) for a, b in track.blocks], axis=0)
+        used.append(curves.law_derivatives(track.loops)[inside, 1:])
+    columns = np.concatenate(used)
     for k, (i, name) in enumerate(curves.law_names):
         column = columns[:, k]
         if np.std(column) < ALIKE * np.max(np.abs(column)):
@@ -187,8 +192,8 @@ def _given(
     first_reach, later_reach = _reaches(data)
     reach = max(first_reach, later_reach / 2.0)
     step = reach / n
-    first = step * np.arange(1, int(np.ceil(first_reach / step - 1e-9)))
-    later = 2.0 * step * np.arange(1, int(np.ceil(later_reach / (2.0 * step) - 1e-9)))
+    first = step * np.arange(1.0, int(np.ceil(first_reach / step - 1e-9)))
+    later = 2.0 * step * np.arange(1.0, int(np.ceil(later_reach / (2.0 * step) - 1e-9)))
     volts, _ = linear(data, _start(data, one_curve, equal_volts(reach, n) if one_curve else first,
                                    later), pieces)  # fmt: skip
     fine = volts
@@ -298,9 +303,7 @@ def _clean(
     return curves
 
 
-def _from_read(
-    data: Data, curves: Curves, first: FloatArray, later: FloatArray
-) -> Curves | None:
+def _from_read(data: Data, curves: Curves, first: FloatArray, later: FloatArray) -> Curves | None:
     laws = curves.laws
     if curves.shared:
         knots = np.sort(np.concatenate([first, later / 2.0]))

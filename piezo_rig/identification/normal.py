@@ -8,6 +8,7 @@ selection of them is a small linear problem.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -56,7 +57,7 @@ def pieces_of(data: Data, cycles: bool = False) -> tuple[Piece, ...]:
                 turns = track.loops.start[(track.loops.start > begin) & (track.loops.start < end)]
                 edges = [begin, *(int(i) for i in turns[1:-1:2]), end]
             sweep = track.sweeps[track.unit[b]]
-            out += [Piece(t, b, i, j, sweep) for i, j in zip(edges, edges[1:], strict=False)]
+            out += [Piece(t, b, i, j, sweep) for i, j in pairwise(edges)]
     return tuple(out)
 
 

@@ -73,9 +73,7 @@ class Slopes:
     notes: tuple[str, ...]
 
 
-def fit_slopes(
-    data: Data, one_curve: bool, laws: tuple[type[Stage], ...], elements: int
-) -> Slopes:
+def fit_slopes(data: Data, one_curve: bool, laws: tuple[type[Stage], ...], elements: int) -> Slopes:
     """The slope scheme with ``elements`` steps of dx over the largest first rise.
 
     Raises
@@ -98,7 +96,7 @@ def fit_slopes(
     if one_curve:
         both = [h.slopes for h in used] + ([first] if first is not None else [])
         slopes = _average(both)
-        table = Elements.from_slopes(slopes, dx * np.arange(1, slopes.size + 1))
+        table = Elements.from_slopes(slopes, dx * np.arange(1.0, slopes.size + 1))
         return Slopes(dx, table, table, (), _first_springs(used, later), {}, tuple(notes))
     if first is None:
         notes.append("no first rise from rest in the data: the initiation curve is that of "
@@ -106,12 +104,12 @@ def fit_slopes(
         first = later
     springs = _first_springs(used, later)
     stages, r_squared = _fit_laws(laws, springs, later)
-    table = Elements.from_slopes(later, dx * np.arange(1, later.size + 1))
+    table = Elements.from_slopes(later, dx * np.arange(1.0, later.size + 1))
     if any("offset" in s.units for s in stages):
         k = table.k_v_per_um.copy()
         k[0] = 0.0
         table = Elements(k, table.slides_at_um)
-    rise = Elements.from_slopes(first, dx * np.arange(1, first.size + 1))
+    rise = Elements.from_slopes(first, dx * np.arange(1.0, first.size + 1))
     return Slopes(dx, rise, table, stages, springs, r_squared, tuple(notes))
 
 

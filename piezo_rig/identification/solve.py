@@ -47,10 +47,10 @@ def _factor(g: FloatArray) -> FloatArray:
     ridge = 0.0
     for _ in range(12):
         try:
-            return np.linalg.cholesky(g + ridge * np.eye(g.shape[0]))
+            return np.asarray(np.linalg.cholesky(g + ridge * np.eye(g.shape[0])), float)
         except np.linalg.LinAlgError:
             ridge = max(10.0 * ridge, 1e-14)
-    return np.linalg.cholesky(g + 1e-2 * np.eye(g.shape[0]))
+    return np.asarray(np.linalg.cholesky(g + 1e-2 * np.eye(g.shape[0])), float)
 
 
 def fill_unseen(values: FloatArray) -> FloatArray:
@@ -90,8 +90,7 @@ def solve_many(
     shape (k, p); where the free solution breaks a bound, the bounded one
     """
     m, p, _ = gram.shape
-    all_gram, all_right = gram.sum(axis=0), right.sum(axis=0)
-    diagonal = np.diag(all_gram)
+    diagonal = np.diag(gram.sum(axis=0))
     seen = diagonal > UNSEEN * diagonal.max()
     scale = 1.0 / np.sqrt(diagonal[seen])
     x = np.full((weights.shape[0], p), np.nan)

@@ -60,8 +60,9 @@ def bands(
     """Bootstrap over sweeps (over cycles, with one sweep)."""
     units = sorted({p.sweep for p in normal.pieces})
     per_sweep = len(units) > 1
-    index = [units.index(p.sweep) for p in normal.pieces] if per_sweep else range(len(normal.pieces))
-    owner = np.array(list(index))
+    owner = np.arange(len(normal.pieces))
+    if per_sweep:
+        owner = np.array([units.index(p.sweep) for p in normal.pieces])
     count = int(owner.max()) + 1
     gram = np.zeros((count, *normal.gram.shape[1:]))
     right = np.zeros((count, normal.right.shape[1]))

@@ -10,7 +10,6 @@ from recording_writers import csv_text, triangle, write
 
 from piezo_rig.errors import InputError
 from piezo_rig.run_file.importers import Imported, ImportOptions, read_recordings
-from piezo_rig.run_file.importers.bare_drive import read_bare_drive
 
 DRIVE = "time_s,drive_v,displacement_um"
 VOLTS = "time_s,command_v,sensor_v"
@@ -282,5 +281,6 @@ def test_the_micromanipulator_is_read_as_it_stands(shared: Path, name: str, n: i
 def test_a_bare_drive_may_lack_its_last_line_end_but_not_the_end_of_a_number(tmp_path, cut, kept):
     rows = [f"{k / 10!r},{20 + k * 0.1234567!r}" for k in range(40)]
     text = "time_s,drive_v\n" + "\n".join(rows)
-    time, drive = read_bare_drive(write(tmp_path / "joined.csv", text[: len(text) - cut]))
-    assert time.size == drive.size == kept
+    path = write(tmp_path / "joined.csv", text[: len(text) - cut])
+    (sweep,) = read_recordings([path], require=("drive",)).sweeps
+    assert sweep.drive_v.size == kept

@@ -1,0 +1,41 @@
+"""What the documents say of the program is so."""
+
+from __future__ import annotations
+
+import re
+
+import pytest
+from conftest import CHECKOUT
+
+from piezo_rig.cli import VERBS
+from piezo_rig.resources import shipped_names
+
+DOCS = CHECKOUT / "docs"
+
+
+def test_every_setting_of_the_plant_is_documented_with_its_default():
+    from drivers.simulated.plant.__main__ import table
+
+    text = (DOCS / "simulated-bench.md").read_text()
+    assert table() in text, "run: make docs"
+
+
+def test_the_readme_names_every_verb():
+    text = (CHECKOUT / "README.md").read_text()
+    for verb in VERBS:
+        assert f"`piezo-rig {verb} " in text
+
+
+def test_the_protocol_page_names_every_shipped_protocol():
+    text = (DOCS / "protocols.md").read_text()
+    for name in shipped_names("protocols"):
+        assert f"`{name}`" in text
+
+
+@pytest.mark.parametrize("page", ["README.md", "CONTRIBUTING.md", *(
+    str(p.relative_to(CHECKOUT)) for p in sorted(DOCS.rglob("*.md"))
+)])
+def test_links_between_pages_lead_somewhere(page):
+    path = CHECKOUT / page
+    for target in re.findall(r"\]\(([^)#:]+)\)", path.read_text()):
+        assert (path.parent / target).exists(), f"{page}: {target}"

@@ -1,0 +1,77 @@
+"""What cannot be identified is refused with sweep, sample, cause and remedy."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from recordings import TOP, classical, sweep
+
+from piezo_rig.errors import InputError
+from piezo_rig.identification import identify
+
+DRIVE, Y = classical([0.0, TOP, 0.0, TOP, 0.0])
+
+
+def gap(values, at):
+    out = np.array(values)
+    out[at] = np.nan
+    return out
+
+
+CASES = {
+    "constant-drive": (np.full(DRIVE.size, 3.0), Y),
+    "drive-never-returns": (np.linspace(0, 10, 200), np.linspace(0, 1, 200)),
+    "not-a-number": (DRIVE, gap(Y, 77)),
+    "unequal-lengths": (DRIVE, Y[:-5]),
+    "too-few-samples": (DRIVE[:3], Y[:3]),
+    "constant-displacement": (DRIVE, np.zeros(Y.size)),
+    "sensor-saturated": (DRIVE, np.minimum(Y, 0.7 * Y.max())),
+}
+
+
+@pytest.mark.parametrize("code", CASES)
+@pytest.mark.parametrize("scheme", ["least-squares", "slopes"])
+def test_refused(code, scheme):
+    bad = sweep(*CASES[code], index=2)
+    with pytest.raises(InputError) as e:
+        identify([sweep(DRIVE, Y), bad], "classical", scheme)
+    assert e.value.code == code
+    assert "sweep_0002" in e.value.what
+    assert e.value.cause
+    assert e.value.remedy
+
+
+def test_the_sample_is_named():
+    with pytest.raises(InputError, match="sample 77"):
+        identify([sweep(DRIVE, gap(Y, 77))], "classical")
+
+
+@pytest.mark.parametrize(
+    "change", [{"gain": 7.7}, {"offset_v": 73.0}, {"sensitivity_um_per_v": 4.0}]
+)
+def test_sweeps_of_other_calibrations_are_not_joined(change):
+    with pytest.raises(InputError) as e:
+        identify([sweep(DRIVE, Y), replace(sweep(DRIVE, Y, index=2), **change)], "classical")
+    assert e.value.code == "calibrations-disagree"
+    assert "sweep_0002" in e.value.what
+
+
+def test_half_a_loop_with_unknown_history_is_too_little():
+    drive, y = classical([0.0, TOP, 7.0])
+    with pytest.raises(InputError) as e:
+        identify([sweep(drive[30:130], y[30:130], history="unknown")], "classical")
+    assert e.value.code == "too-few-half-loops"
+
+
+def test_one_condition_cannot_show_a_law():
+    with pytest.raises(InputError) as e:
+        identify([sweep(*classical([0.0, TOP] + [0.0, TOP] * 3))], "range")
+    assert e.value.code == "law-not-determined"
+
+
+def test_names_are_checked():
+    for arguments in ({"model": "magic"}, {"scheme": "magic"}, {"elements": 0}):
+        with pytest.raises(InputError):
+            identify([sweep(DRIVE, Y)], **{"model": "classical", **arguments})
