@@ -49,7 +49,8 @@ def test_a_model_identified_from_recordings_predicts_another_drive(data, tmp_pat
     words = ["--model", "classical", "--history", "virgin", "--elements", "60"]
     assert main(["identify", *data, *words, "--out", str(model)]) == 0
     assert f"model: {model}" in capsys.readouterr().out
-    drive = np.concatenate([triangle(50)[:-500], np.linspace(25, 45, 300), np.linspace(45, 10, 300)])
+    legs = (np.linspace(25, 45, 300), np.linspace(45, 10, 300))
+    drive = np.concatenate([triangle(50)[:-500], *legs])
     path = tmp_path / "drive.csv"
     np.savetxt(path, np.column_stack([np.arange(drive.size) / 2000, drive]), delimiter=",",
                comments="", header="time_s,drive_v")

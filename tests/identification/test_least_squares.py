@@ -121,3 +121,14 @@ def test_noise_on_the_recorded_drive_is_taken_as_it_comes():
     y = np.array(Sliders(K, DX * np.arange(1, 8)).play(list(drive)))
     found = identify([sweep(drive, y)], "classical")
     assert found.fitted.max_percent < 0.05
+
+
+def test_a_first_rise_from_rest_is_used_though_history_is_unknown():
+    law, _ = LAWS["initiation"]
+    drive, y = lawful([0.0, FIRST_TOP, 0.0, FIRST_TOP, 0.0], law)
+    found = identify([sweep(drive, y + 2.0, history="unknown")], "initiation")
+    assert found.fitted.max_nm < 1e-6
+    assert springs_of(found.model.stage("initiation-stage"), 6) == pytest.approx(
+        FIRST[:6], abs=1e-6
+    )
+    assert any("begins at rest" in note for note in found.left_out)
