@@ -1,3 +1,10 @@
 """piezo-rig: measures, models, and says what its model gets wrong and why."""
 
+import os
+
 __version__ = "0.1.0"
+
+# The matrices here are small and the machine's cores are busy elsewhere: threads inside BLAS
+# make a fit of a second take ten. Has to stand before numpy is imported; a user's own value wins.
+for _name in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+    os.environ.setdefault(_name, "1")

@@ -36,6 +36,8 @@ class Curves:
         shapes (nc - 1,) and (nc,); with laws the first piece is what it is at a neutral law
     shared : one curve: the later branch is the first rise at twice the size
     laws : law stages; their ``offset`` is kept at 0 while fitting
+    dx_um : where it is not 0, elements give way at multiples of it (the thesis's spacing): it
+        is an unknown itself, and the break points follow from it and the compliances
     """
 
     first_knots: FloatArray
@@ -44,6 +46,7 @@ class Curves:
     later_c: FloatArray
     shared: bool
     laws: tuple[Stage, ...] = ()
+    dx_um: float = 0.0
 
     @property
     def law_names(self) -> list[tuple[int, str]]:
@@ -102,6 +105,13 @@ class Curves:
 
     def pack(self, knots: bool) -> FloatArray:
         """All unknowns in the order of `sums.columns` (a shared curve: once)."""
+        if self.dx_um:
+            x = replace(self, dx_um=0.0, shared=False).pack(False)
+            if self.shared:
+                x = self.first_c
+            elif self.by_law:
+                x = np.delete(x, self.first_c.size + self.q)
+            return np.append(x, self.dx_um)
         if self.shared:
             return np.concatenate([self.first_c] + ([self.first_knots] if knots else []))
         if self.by_law:
@@ -119,6 +129,8 @@ class Curves:
     def unpack(self, x: FloatArray, knots: bool) -> Curves:
         """The same fit with other unknowns."""
         n0, nc = self.first_c.size, self.later_c.size
+        if self.dx_um:
+            return self._spaced(x[:-1], float(x[-1]))
         if self.shared:
             b = x[n0:] if knots else self.first_knots
             return replace(self, first_c=x[:n0], first_knots=b, later_c=x[:n0], later_knots=2.0 * b)
@@ -143,6 +155,16 @@ class Curves:
         assert later_c.size == nc
         return Curves(first_knots, first_c, later_knots, later_c, False, tuple(laws))
 
+    def _spaced(self, x: FloatArray, dx: float) -> Curves:
+        """The same fit with other compliances and break points at multiples of dx."""
+        free = replace(self, dx_um=0.0)
+        if self.by_law:
+            x = np.insert(x, self.first_c.size + self.q, 2.0 * dx)
+        moved = free.unpack(x, False)
+        first = dx * np.cumsum(1.0 / moved.first_c)[:-1]
+        later = 2.0 * dx * np.cumsum(1.0 / moved.later_c)[:-1]
+        return replace(moved, first_knots=first, later_knots=later, dx_um=dx)
+
     def _lengths(self, knots: bool) -> list[int]:
         n0, nc = self.first_c.size, self.later_c.size
         if self.by_law:
@@ -156,6 +178,8 @@ class Curves:
 
     def narrow(self, knots: bool) -> FloatArray | None:
         """Matrix (wide, narrow) from the unknowns to the columns; None where they agree."""
+        if self.dx_um:
+            return self._spacing()
         if not self.shared:
             return None
         n = self.first_c.size
@@ -167,18 +191,47 @@ class Curves:
             out[3 * n - 1 :, n:] = 2.0 * np.eye(n - 1)
         return out
 
+    def _spacing(self) -> FloatArray:
+        """Derivative of all columns, break points included, by (compliances..., dx)."""
+        n0, nc, q, dx = self.first_c.size, self.later_c.size, self.q, self.dx_um
+        unknowns = n0 + 1 if self.shared else n0 + nc + max(q - 1, 0) + 1
+        out = np.zeros((self.wide_size(True), unknowns))
+        out[:n0, :n0] = np.eye(n0)
+        start = 0 if self.shared else n0  # column of the first later compliance
+        if self.by_law:
+            out[n0 : n0 + q, n0 : n0 + q] = np.eye(q)
+            out[n0 + q, -1] = 2.0
+            out[n0 + q + 1 : n0 + q + nc, n0 + q : -1] = np.eye(nc - 1)
+            start, rest, row = n0 + q, self.later_c[1:], n0 + q + nc
+        else:
+            out[n0 : n0 + nc, start : start + nc] = np.eye(nc)
+            rest, row = self.later_c, n0 + nc
+
+        def knots(row: int, column: int, c: FloatArray, step: float) -> None:
+            below = np.tri(c.size - 1, c.size)
+            out[row : row + c.size - 1, column : column + c.size] = -step * dx * below / c**2
+            out[row : row + c.size - 1, -1] = step * np.cumsum(1.0 / c)[:-1]
+
+        knots(row, 0, self.first_c, 1.0)
+        knots(row + n0 - 1, start, rest, 2.0)
+        return out
+
     def bounded(self, knots: bool) -> NDArray[np.bool_]:
         """Unknowns that must stay positive, shape (p,)."""
+        if self.dx_um:
+            flags = replace(self, dx_um=0.0).bounded(False)
+            drop = [self.first_c.size + self.q] if self.by_law else np.empty(0, int)
+            return np.append(np.delete(flags, drop), True)
         if self.shared:
             out = [True] * self.first_c.size + [False] * ((self.first_c.size - 1) * knots)
             return np.array(out)
-        flags: list[bool] = []
+        marks: list[bool] = []
         kinds = (True, False, True, True) if self.by_law else (True, True)
         for size, flag in zip_longest(self._lengths(knots), kinds, fillvalue=False):
-            flags += [flag] * size
+            marks += [flag] * size
         if self.by_law:
-            flags[self.first_c.size] = True
-        return np.array(flags)
+            marks[self.first_c.size] = True
+        return np.array(marks)
 
     # -- tables
 

@@ -35,7 +35,7 @@ class Track:
     blocks : (first, one past last) sample of every stretch with a known memory; a
         displacement offset is free in each
     unit : for every block, the position in ``sweeps`` that it belongs to
-    virgin : the memory is cleared at the first sample
+    virgin : the memory is cleared at the first sample, or taken to be
     loops : its half loops
     """
 
@@ -92,8 +92,13 @@ class Data:
         return float(max(spans))
 
 
-def prepare(sweeps: Sequence[Sweep]) -> Data:
+def prepare(sweeps: Sequence[Sweep], first_rises: bool = False) -> Data:
     """Check sweeps and join them into tracks.
+
+    Parameters
+    ----------
+    first_rises : of sweeps with unknown history that begin at rest, take the first rise for an
+        initiation curve (for models that have one of their own)
 
     Raises
     ------
@@ -113,7 +118,7 @@ def prepare(sweeps: Sequence[Sweep]) -> Data:
             chains.append([i])
     tracks = []
     for chain in chains:
-        track = _track([sweeps[i] for i in chain], chain, left_out)
+        track = _track([sweeps[i] for i in chain], chain, first_rises, left_out)
         if track is not None:
             tracks.append(track)
     if not tracks:
@@ -131,13 +136,21 @@ def prepare(sweeps: Sequence[Sweep]) -> Data:
     )
 
 
-def _track(sweeps: list[Sweep], indices: list[int], left_out: list[str]) -> Track | None:
+def _track(
+    sweeps: list[Sweep], indices: list[int], first_rises: bool, left_out: list[str]
+) -> Track | None:
     drive = np.concatenate([s.drive_v for s in sweeps])
     displacement = np.concatenate([s.displacement_um for s in sweeps])
     edges = np.concatenate([[0], np.cumsum([s.samples for s in sweeps])]).astype(int)
     band = max(dead_band(s.drive_v) for s in sweeps)
     loops = half_loops(drive, band)
     virgin = sweeps[0].history == "virgin"
+    if not virgin and first_rises and _at_rest(drive, band):
+        virgin = True
+        left_out.append(
+            f"{sweeps[0].name}: history unknown, but it begins at rest: its first rise is taken "
+            "for an initiation curve"
+        )
     if virgin:
         known = [(0, drive.size)]
     else:
@@ -162,6 +175,12 @@ def _track(sweeps: list[Sweep], indices: list[int], left_out: list[str]) -> Trac
         drive, displacement, tuple(indices), tuple(int(e) for e in edges),
         tuple(blocks), tuple(unit), virgin, loops,
     )  # fmt: skip
+
+
+def _at_rest(drive: FloatArray, band: float) -> bool:
+    """The drive begins at 0 V, or at its lowest point."""
+    tolerance = max(band, EXTREME * float(np.ptp(drive)))
+    return bool(abs(drive[0]) <= tolerance or drive[0] <= drive.min() + tolerance)
 
 
 def _known(drive: FloatArray, loops: HalfLoops, band: float) -> list[tuple[int, int]]:

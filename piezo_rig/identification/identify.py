@@ -23,7 +23,6 @@ from piezo_rig.run_file.sweep import Sweep
 
 FloatArray = NDArray[np.float64]
 SCHEMES = ("least-squares", "slopes")
-THESIS_ELEMENTS = 40
 Progress = Callable[[str, float], None]
 
 
@@ -93,8 +92,8 @@ def identify(
     if scheme not in SCHEMES:
         raise InputError("unknown-scheme", f"no scheme {scheme!r}", "", f"use {SCHEMES}")
     tell("reading", 0.0)
-    data = prepare(sweeps)
     one_curve = "initiation-stage" not in NAMED_MODELS[model]
+    data = prepare(sweeps, first_rises=not one_curve)
     laws = tuple(k for k in kinds if k.id != "initiation-stage")
     provenance = _provenance(sweeps, runs, scheme)
     if scheme == "slopes":
@@ -127,7 +126,7 @@ def _by_slopes(
     elements: int | None,
     provenance: dict[str, Any],
 ) -> Identification:
-    n = elements or THESIS_ELEMENTS
+    n = elements or least_squares.THESIS_ELEMENTS
     outcome = slopes.fit_slopes(data, one_curve, laws, n)
     provenance = provenance | {"held_out": "none", "dx_um": outcome.dx_um}
     provenance |= {"r_squared": dict(outcome.r_squared)} if outcome.r_squared else {}

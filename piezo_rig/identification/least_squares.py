@@ -35,6 +35,8 @@ FloatArray = NDArray[np.float64]
 FINE = 80  # bands from which coarser grids are summed
 COARSER = (80, 40, 20, 16, 10, 8, 5)
 WORSE = 1.01  # a coarser grid may predict this much worse than the best
+THESIS_ELEMENTS = 40
+ALMOST = 0.999  # equal displacements must fit better by this, or equal drives are kept
 CLEAN = 3e-6  # noise below this share of the travel: break points can be read off
 EXACT = 1e-3  # of the rms on a grid: break points that were read off are the true ones
 ALIKE = 0.02  # regressors that vary less, relative to their size, do not vary
@@ -67,11 +69,33 @@ def fit(
                      "later branch at half its size")  # fmt: skip
     progress("elements", 0.1)
     if elements is None:
-        curves = _chosen(data, one_curve, pieces, folds, notes)
+        spaced = [_chosen(data, one_curve, pieces, folds, notes)]
+        if laws and data.has_first_rise:
+            # a law acts up to the first break, so the thesis's own spacing is tried as well
+            spaced.append(_at_equal_travel(data, one_curve, pieces, THESIS_ELEMENTS))
     else:
-        curves = _given(data, one_curve, pieces, elements, notes)
+        spaced = _given(data, one_curve, pieces, elements)
     progress("curves", 0.4)
+    fitted = [_fit_laws(data, c, laws, pieces) for c in spaced]
+    errors = [rms(data, residuals(data, c)) for c in fitted]
+    curves = fitted[-1] if errors[-1] < ALMOST * errors[0] else fitted[0]
+    if len(fitted) > 1:
+        notes.append(
+            f"elements at equal steps of {'displacement' if curves is fitted[1] else 'drive'} "
+            f"(rms {1e3 * min(errors):.3g} against {1e3 * max(errors):.3g} nm)"
+        )
+    progress("law", 0.6)
     sigma = max(dead_band(t.displacement_um) for t in data.tracks) / REACH
+    if sigma < CLEAN * data.travel_um:
+        curves = _clean(data, curves, pieces, sigma, notes)
+    progress("curves", 0.8)
+    return LeastSquares(curves, pieces, folds, tuple(notes))
+
+
+def _fit_laws(
+    data: Data, curves: Curves, laws: tuple[type[Stage], ...], pieces: tuple[Piece, ...]
+) -> Curves:
+    """The curves with the laws of the first spring fitted; the curves alone without laws."""
     curves = replace(curves, laws=tuple(_neutral(law) for law in laws))
     if laws:
         if curves.later_c.size < 3:
@@ -83,11 +107,7 @@ def fit(
             )
         _check_laws(data, curves)
         curves = _with_laws(data, curves, pieces)
-        progress("law", 0.6)
-    if sigma < CLEAN * data.travel_um:
-        curves = _clean(data, curves, pieces, sigma, notes)
-    progress("curves", 0.8)
-    return LeastSquares(curves, pieces, folds, tuple(notes))
+    return curves
 
 
 def _neutral(kind: type[Stage]) -> Stage:
@@ -121,7 +141,7 @@ def _with_laws(data: Data, curves: Curves, pieces: tuple[Piece, ...]) -> Curves:
     joined to the first one as long as the fit gains by it.
     """
     best, error = polish(data, curves, pieces, knots=False, steps=6, enough=1e-3)
-    worse = 0
+    worse = 2 if curves.dx_um else 0
     joined = 1
     while worse < 2 and curves.later_c.size - joined >= 3:
         width = np.diff(curves.later_knots[: joined + 1], prepend=0.0)
@@ -183,10 +203,8 @@ def _reaches(data: Data) -> tuple[float, float]:
     return (data.first_reach_v or later / 2.0), later
 
 
-def _given(
-    data: Data, one_curve: bool, pieces: tuple[Piece, ...], n: int, notes: list[str]
-) -> Curves:
-    """n elements, at equal drives or at equal displacements, whichever fits better."""
+def _given(data: Data, one_curve: bool, pieces: tuple[Piece, ...], n: int) -> list[Curves]:
+    """n elements, at equal steps of drive and at equal steps of displacement."""
     if n < 1 or n > 500:
         raise InputError("elements", f"{n} elements", "", "use 1 to 500 elements")
     first_reach, later_reach = _reaches(data)
@@ -194,24 +212,26 @@ def _given(
     step = reach / n
     first = step * np.arange(1.0, int(np.ceil(first_reach / step - 1e-9)))
     later = 2.0 * step * np.arange(1.0, int(np.ceil(later_reach / (2.0 * step) - 1e-9)))
-    volts, _ = linear(data, _start(data, one_curve, equal_volts(reach, n) if one_curve else first,
-                                   later), pieces)  # fmt: skip
-    fine = volts
-    if n < FINE:
-        dense = equal_volts(reach, FINE)
-        two = (equal_volts(first_reach, FINE), equal_volts(later_reach, FINE))
-        fine, _ = linear(
-            data, _start(data, one_curve, *((dense, dense) if one_curve else two)), pieces
-        )
-    travel = _travel(fine, first_reach if data.has_first_rise else reach)
-    dx = travel / n
+    first = equal_volts(reach, n) if one_curve else first
+    volts, _ = linear(data, _start(data, one_curve, first, later), pieces)
+    return [volts, _at_equal_travel(data, one_curve, pieces, n)]
+
+
+def _at_equal_travel(data: Data, one_curve: bool, pieces: tuple[Piece, ...], n: int) -> Curves:
+    """n elements that give way at multiples of one displacement, which is fitted too."""
+    first_reach, later_reach = _reaches(data)
+    reach = max(first_reach, later_reach / 2.0)
+    dense = equal_volts(reach if one_curve else first_reach, FINE)
+    fine, _ = linear(data, _start(data, one_curve, dense, equal_volts(later_reach, FINE)), pieces)
+    dx = _travel(fine, first_reach if data.has_first_rise else reach) / n
     first = equal_travel(fine.first_knots, fine.first_c, reach if one_curve else first_reach, dx)
     later = equal_travel(fine.later_knots, fine.later_c, later_reach, 2.0 * dx)
     equal, _ = linear(data, _start(data, one_curve, first, later), pieces)
-    errors = [rms(data, residuals(data, c)) for c in (volts, equal)]
-    chosen = "equal steps of displacement" if errors[1] < errors[0] else "equal steps of drive"
-    notes.append(f"{n} elements as given, at {chosen}")
-    return equal if errors[1] < errors[0] else volts
+    if data.has_first_rise:
+        equal = replace(equal, dx_um=dx)
+        equal = equal.unpack(equal.pack(False), False)  # its break points at multiples of dx
+        equal, _ = polish(data, equal, pieces, knots=False, steps=8, enough=1e-4)
+    return equal
 
 
 def _travel(curves: Curves, reach: float) -> float:
@@ -282,7 +302,7 @@ def _clean(
         read = _from_read(data, curves, first, later)
         if read is not None:
             starts.append(read)
-    starts.append(curves)
+    starts.append(replace(curves, dx_um=0.0))
     best, error = curves, before
     for start in starts:
         try:

@@ -77,6 +77,8 @@ def normal_equations(
     """
     from piezo_rig.identification import sums
 
+    narrow = curves.narrow(knots)
+    knots = knots or curves.dx_um > 0
     m, p = len(pieces), curves.wide_size(knots)
     gram, right = np.zeros((m, p, p)), np.zeros((m, p))
     power, count = np.zeros(m), np.zeros(m)
@@ -122,8 +124,7 @@ def normal_equations(
                 totals[i] += total
     _centre(pieces, gram, right, power, count, totals, heights)
     normal = Normal(gram, right, power, count, pieces)
-    matrix = curves.narrow(knots)
-    return normal if matrix is None else normal.reduced(matrix)
+    return normal if narrow is None else normal.reduced(narrow)
 
 
 def _segments(ints: NDArray[np.int64], piece: Piece) -> tuple[int, int]:

@@ -125,7 +125,7 @@ def _around_law(
 ) -> FloatArray:
     n0 = curves.first_c.size
     fixed = np.zeros(centre.size, bool)
-    fixed[n0 : n0 + curves.q + 1] = curves.by_law
+    fixed[n0 : n0 + curves.q + (0 if curves.dx_um else 1)] = curves.by_law
     x = centre.copy()
     free = ~fixed
     reduced = right[free] - gram[np.ix_(free, fixed)] @ centre[fixed]

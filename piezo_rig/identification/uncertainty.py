@@ -79,25 +79,15 @@ def bands(
     x = np.where(unseen, 0.0, x)
     x = np.where(unseen, centre, centre + spread * (x - x.mean(axis=0)))
     x[:, bounded] = np.maximum(x[:, bounded], floor)
-    first, later, slopes = [], [], []
     reach = max(data.first_reach_v, data.later_reach_v / 2.0)
     drive = np.linspace(0.0, reach, 76)
+    drawn = [curves.unpack(row, False) for row in x]
+    first_c = np.array([c.first_c for c in drawn])
+    later_c = np.array([c.later_c for c in drawn])
     n0, q = curves.first_c.size, curves.q
-    for row in x:
-        c0 = row[:n0]
-        if curves.shared:
-            c1 = c0
-        elif curves.by_law:
-            c1 = np.concatenate([row[n0 : n0 + 1], row[n0 + q + 1 :]])
-            slopes.append(row[n0 : n0 + q])
-        else:
-            c1 = row[n0:]
-        first.append(c0)
-        later.append(c1)
-    first_c, later_c = np.array(first), np.array(later)
     laws = {}
     if curves.by_law:
-        values = np.array(slopes)
+        values = x[:, n0 : n0 + q]
         for k, (i, name) in enumerate(curves.law_names):
             laws[(curves.laws[i].id, name)] = _interval(values[:, 1 + k])
         offsets = [s for s in curves.laws if "offset" in s.units]
@@ -105,8 +95,8 @@ def bands(
             laws[(offsets[0].id, "offset")] = _interval(1.0 / values[:, 0] - 1.0 / later_c[:, 1])
     return Bands(
         drive,
-        _band(_rise(curves.first_knots, first_c, drive)),
-        _band(_rise(curves.later_knots, later_c, 2.0 * drive)),
+        _band(np.array([_rise(c.first_knots, c.first_c, drive) for c in drawn])),
+        _band(np.array([_rise(c.later_knots, c.later_c, 2.0 * drive) for c in drawn])),
         _band(first_c),
         _band(later_c),
         laws,
@@ -116,10 +106,11 @@ def bands(
 
 
 def _rise(knots: FloatArray, compliance: FloatArray, drive: FloatArray) -> FloatArray:
-    """Curves (k, m) of compliances (k, n) over shared break points."""
-    edges = np.concatenate([[0.0], knots, [np.inf]])
-    passed = np.clip(drive[:, None] - edges[:-1], 0.0, np.diff(edges))
-    return compliance @ passed.T
+    """A piecewise linear curve at the drives (m,)."""
+    end = max(float(drive[-1]), float(knots[-1]) if knots.size else 0.0) + 1.0
+    edges = np.concatenate([[0.0], knots, [end]])
+    heights = np.concatenate([[0.0], np.cumsum(compliance * np.diff(edges))])
+    return np.interp(drive, edges, heights)
 
 
 def _band(values: FloatArray) -> FloatArray:
