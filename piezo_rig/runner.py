@@ -8,6 +8,7 @@ to rest, and the run file is closed with everything that was recorded.
 
 from __future__ import annotations
 
+import os
 import signal
 import subprocess
 import threading
@@ -90,9 +91,10 @@ def play(
     writer = RunWriter(path, run_header(plan, bench), [sweep_header(plan, s) for s in plan.sweeps])
     wire.clock_now = bench.clock.now
     wire.attach(writer)
-    with _signals_as_errors():
+    stop = Stop()
+    with stop.watching():
         try:
-            _play_all(plan, bench, writer, tell)
+            _play_all(plan, bench, writer, tell, stop)
         except PiezoRigError as error:
             _make_safe(bench, writer, error)
             raise
@@ -102,7 +104,7 @@ def play(
     return writer.finish()
 
 
-def _play_all(plan: Plan, bench: Bench, writer: RunWriter, tell: Tell) -> None:
+def _play_all(plan: Plan, bench: Bench, writer: RunWriter, tell: Tell, stop: Stop) -> None:
     clock = bench.clock
     writer.log(clock.now(), "connected", origin=bench.origin)
     moved = bench.rest()
@@ -110,9 +112,11 @@ def _play_all(plan: Plan, bench: Bench, writer: RunWriter, tell: Tell) -> None:
     left = plan.duration_s
     for index, sweep in enumerate(plan.sweeps):
         tell(_status(plan, index, sweep, left))
-        if sweep.history == "virgin" and bench.rig.recovery_s > 0:
-            clock.sleep(bench.rig.recovery_s)
+        if sweep.history == "virgin":
+            _recover(bench, stop)
             left -= bench.rig.recovery_s
+        stop.check()
+        stop.playing_until = f"{sweep.name} ({sweep.samples / plan.sample_rate:.1f} s)"
         writer.log(clock.now(), "playing", sweep=sweep.name, condition=sweep.condition.name,
                    repeat=sweep.repeat)
         recorded = bench.play(sweep.name, sweep.wave, plan.sample_rate)
@@ -120,9 +124,20 @@ def _play_all(plan: Plan, bench: Bench, writer: RunWriter, tell: Tell) -> None:
             index, sweep.wave.command_v, recorded.sensor_v, recorded.monitor_v,
             recorded.start_time,
         )
+        stop.playing_until = ""
         left -= sweep.samples / plan.sample_rate
+    stop.check()
     moved = bench.rest()
     writer.log(clock.now(), "finished", stack_v=round(moved["to_v"], 3))
+
+
+def _recover(bench: Bench, stop: Stop) -> None:
+    """Rest until the actuator has forgotten, in steps short enough for Ctrl-C to be heard."""
+    left = bench.rig.recovery_s
+    while left > 0:
+        stop.check()
+        bench.clock.sleep(min(1.0, left))
+        left -= 1.0
 
 
 def _make_safe(bench: Bench, writer: RunWriter, error: PiezoRigError | None) -> None:
@@ -152,31 +167,45 @@ def _status(plan: Plan, index: int, sweep: PlannedSweep, left_s: float) -> str:
     )
 
 
-@contextmanager
-def _signals_as_errors() -> Iterator[None]:
-    """Ctrl-C, SIGTERM and a closed terminal end the run in order, once; later ones wait."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    told = False
+class Stop:
+    """Remembers that somebody wants the run to end; the runner looks between its steps.
 
-    def stop(number: int, frame: FrameType | None) -> None:
-        nonlocal told
-        if told:
+    A signal never raises where it strikes: it could strike inside a driver or the HDF5 library.
+    A burst that plays is waited for in any case, because it ends at rest.
+    """
+
+    def __init__(self) -> None:
+        self.signal = ""
+        self.playing_until = ""
+
+    def catch(self, number: int, frame: FrameType | None) -> None:
+        """Signal handler."""
+        if not self.signal:
+            self.signal = signal.Signals(number).name
+            first = f"{self.playing_until} is played to its end, " if self.playing_until else ""
+            os.write(2, f"\nstopping on {self.signal}: {first}then the stack rests\n".encode())
+
+    def check(self) -> None:
+        """Raise Aborted if a signal has come."""
+        if self.signal:
+            raise Aborted(
+                "aborted", f"stopped by {self.signal}", "the operator or the system",
+                "start the run again",
+            )
+
+    @contextmanager
+    def watching(self) -> Iterator[None]:
+        """Ctrl-C, SIGTERM and a closed terminal are noted, not obeyed on the spot."""
+        if threading.current_thread() is not threading.main_thread():
+            yield
             return
-        told = True
-        raise Aborted(
-            "aborted", f"stopped by {signal.Signals(number).name}", "the operator or the system",
-            "start the run again",
-        )
-
-    numbers = [signal.SIGINT, signal.SIGTERM, signal.SIGHUP]
-    before = [signal.signal(n, stop) for n in numbers]
-    try:
-        yield
-    finally:
-        for number, handler in zip(numbers, before, strict=True):
-            signal.signal(number, handler)
+        numbers = [signal.SIGINT, signal.SIGTERM, signal.SIGHUP]
+        before = [signal.signal(n, self.catch) for n in numbers]
+        try:
+            yield
+        finally:
+            for number, handler in zip(numbers, before, strict=True):
+                signal.signal(number, handler)
 
 
 def run_header(plan: Plan, bench: Bench) -> RunHeader:
