@@ -1,7 +1,6 @@
 """``python -m piezo_rig``."""
 
-import sys
+from piezo_rig.cli import program
 
-from piezo_rig.cli import main
-
-sys.exit(main())
+if __name__ == "__main__":
+    program()

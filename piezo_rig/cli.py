@@ -58,6 +58,14 @@ def build_parser() -> argparse.ArgumentParser:
     return parser
 
 
+def program() -> None:
+    """The installed command: ``main`` in a process of its own."""
+    # HDF5 complains about a full disk once more while its objects are thrown away, past every
+    # ``except``. What went wrong has been said by then.
+    sys.excepthook = sys.unraisablehook = lambda *_: None
+    sys.exit(main())
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one verb; returns the exit status."""
     try:

@@ -116,6 +116,7 @@ def _play_all(plan: Plan, bench: Bench, writer: RunWriter, tell: Tell, stop: Sto
             _recover(bench, stop)
             left -= bench.rig.recovery_s
         stop.check()
+        writer.require_room(index)
         stop.playing_until = f"{sweep.name} ({sweep.samples / plan.sample_rate:.1f} s)"
         writer.log(clock.now(), "playing", sweep=sweep.name, condition=sweep.condition.name,
                    repeat=sweep.repeat)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import fcntl
 import json
+import shutil
 import struct
 from collections.abc import Sequence
 from pathlib import Path
@@ -35,6 +36,7 @@ from piezo_rig.run_file.layout import (
 )
 
 WIRE_HEAD = struct.Struct("<dBBI")  # seconds, instrument, direction, length of what follows
+RESERVE = 4_000_000  # bytes for logs, the transcript and the file system itself
 DIRECTIONS = ("out", "in", "event")
 
 
@@ -141,6 +143,26 @@ class RunWriter:
                 compression="gzip", compression_opts=1, fletcher32=True, fillvalue=np.nan,
             )
             dataset.attrs["units"] = UNITS[name]
+
+    def require_room(self, index: int) -> None:
+        """Refuse the next sweep if the disk could not take it and the closing copy as well.
+
+        Raises
+        ------
+        BenchError : too little room; what was recorded can still be closed (exit 4)
+        """
+        sweep = self.sweeps[index]
+        channels = 2 if self.header.monitor else 1
+        next_bytes = sweep.samples * (8 + 4 * channels * sweep.oversampling)
+        need = self.part.stat().st_size + 3 * next_bytes + RESERVE
+        free = shutil.disk_usage(self.part.parent).free
+        if free < need:
+            raise BenchError(
+                "disk-full",
+                f"before {sweep.name}: {free / 1e6:.1f} MB left in {self.part.parent}, "
+                f"{need / 1e6:.1f} MB needed to store it and to close the run",
+                "the disk is filling up", "make room and start again",
+            )
 
     def write_sweep(
         self, index: int, command_v: ArrayLike, sensor_v: ArrayLike,

@@ -269,6 +269,25 @@ def test_damage_anywhere_is_a_clear_error_or_a_correct_reading(good, tmp_path_fa
         shutil.rmtree(folder)
 
 
+def test_a_sweep_that_would_not_fit_is_refused_while_the_run_can_still_be_closed(
+    tmp_path, monkeypatch
+):
+    writer = RunWriter(tmp_path / "r.h5", HEADER,
+                       [header_of("sweep_0001"), header_of("sweep_0002")])
+    command, sensor, drive = recording()
+    writer.require_room(0)
+    writer.write_sweep(0, command, sensor, drive, 0.0)
+
+    class Usage:
+        free = 1_000_000
+
+    monkeypatch.setattr("shutil.disk_usage", lambda _: Usage)
+    with pytest.raises(BenchError) as caught:
+        writer.require_room(1)
+    assert caught.value.code == "disk-full"
+    assert Run(writer.finish()).sweep_names == ["sweep_0001"]
+
+
 def test_a_full_disk_is_named_and_what_was_stored_is_kept(tmp_path, monkeypatch):
     writer = RunWriter(tmp_path / "r.h5", HEADER,
                        [header_of("sweep_0001"), header_of("sweep_0002")])
