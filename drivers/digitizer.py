@@ -51,7 +51,7 @@ class Digitizer(Protocol):
     def arm(self) -> None: ...
 
     def fetch(
-        self, channels: Sequence[int], count: int, *, timeout_s: float = 5.0
+        self, channels: Sequence[int], count: int, *, timeout_s: float | None = None
     ) -> dict[int, NDArray[np.float64]]: ...
 
     @property
@@ -183,15 +183,18 @@ class KeysightL4532A:
         self._link.command("TRIG:IMM")
 
     def fetch(
-        self, channels: Sequence[int], count: int, *, timeout_s: float = 5.0
+        self, channels: Sequence[int], count: int, *, timeout_s: float | None = None
     ) -> dict[int, NDArray[np.float64]]:
         """The volts recorded since the trigger, channel -> (count,).
 
-        Waits up to ``timeout_s`` for the record to be complete. InstrumentError:
+        Waits up to ``timeout_s`` (the link's own when None) for the record to be
+        complete. InstrumentError:
         instrument-no-trigger when nothing was recorded, instrument-no-data when
         the record has gaps, instrument-block for a transfer of the wrong size,
         instrument-garbage for values that no range can hold.
         """
+        if timeout_s is None:
+            timeout_s = self._link.transport.timeout_s
         wanted = list(channels)
         self._await_record(wanted, count, timeout_s)
         volts = np.empty((len(wanted), count))
@@ -232,6 +235,8 @@ class KeysightL4532A:
                 # Alive but without an answer: it has nothing to send.
                 self._link.recover()
                 return False
+            # A short block and a complaint in the queue are ways of saying "not yet"; an answer
+            # that is no block at all is not.
             if error.code in ("instrument-block", "instrument-error-queue"):
                 return False
             raise

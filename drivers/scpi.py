@@ -189,6 +189,7 @@ class Unit:
     header: str  # upper case, no leading colon, no question mark
     query: bool
     arguments: tuple[bytes, ...]
+    written: str = ""  # the header as it stood, before the path was put in front
 
     def text(self, index: int) -> str:
         """An argument as text; ScpiSyntaxError -109 when it is missing."""
@@ -213,7 +214,7 @@ def parse_message(message: bytes) -> list[Unit]:
             continue
         header = words[0].decode("latin-1").upper()
         query = header.endswith("?")
-        header = header.rstrip("?")
+        header = written = header.rstrip("?")
         if not header.startswith("*"):
             if header.startswith(":"):
                 header = header[1:]
@@ -224,7 +225,7 @@ def parse_message(message: bytes) -> list[Unit]:
         arguments = tuple(_trim(item) for item in split_outside(rest, b",")) if rest else ()
         if any(not item for item in arguments):
             raise ScpiSyntaxError(-103, "Invalid separator")
-        units.append(Unit(header, query, arguments))
+        units.append(Unit(header, query, arguments, written))
     return units
 
 

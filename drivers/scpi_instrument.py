@@ -157,7 +157,7 @@ class ScpiInstrument:
                     parser.feed(self.transport.read_exactly(parser.needed))
             except ScpiSyntaxError as error:
                 raise InstrumentError(
-                    "instrument-block", self.name, f"{message!r} answered no block: {error}"
+                    "instrument-garbage", self.name, f"{message!r} answered no block: {error}"
                 ) from error
             trailer = self.transport.read_line()
             if trailer.strip():

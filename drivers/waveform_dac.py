@@ -58,7 +58,6 @@ STEP_V = 0.02
 NARROW_V = SMALLEST_SPAN_V
 _LIMIT_V = 10.0  # of levels into a high impedance
 _TOLERANCE_V = 1e-3
-_MARGIN_S = 5.0
 
 
 class WaveformDac(Protocol):
@@ -101,6 +100,7 @@ class Keysight33500B:
         self._link = ScpiInstrument(transport)
         self._uploaded: dict[str, str] = {}  # digest of the codes -> name in the memory
         self._free_points: int | None = None  # None: what the memory holds is not known
+        self._loaded_s = 0.0  # how long the selected waveform lasts; 0: not this driver's
 
     @property
     def identity(self) -> Identity | None:
@@ -195,6 +195,9 @@ class Keysight33500B:
         )
 
     def _longest_burst(self, found: OutputState) -> float:
+        """How long the burst that may be running can last, s."""
+        if self._loaded_s:  # this driver's own waveform
+            return found.cycles * self._loaded_s
         return found.cycles * MEMORY_POINTS / max(found.sample_rate, 1.0)
 
     def _prepare_rest(self, found: OutputState, level_v: float) -> None:
@@ -240,14 +243,15 @@ class Keysight33500B:
     def _narrow_dc(self, found: OutputState, slew_v_per_s: float, clock: Clock) -> None:
         """Shrink the amplitude that DC remembers, in steps that move the offset little.
 
-        LOW and HIGH are moved in turn; each moves the offset by half its own step.
+        HIGH and LOW are moved in turn; each moves the offset by half its own step.
         """
         high, low, offset = found.high, found.low, found.offset
         while high - low > NARROW_V + _TOLERANCE_V:
-            low = min(low + STEP_V, offset - NARROW_V / 2)
+            # HIGH first: its step moves the offset towards rest, LOW's moves it back.
             high = max(high - STEP_V, offset + NARROW_V / 2)
-            self._link.apply(Setting.number("SOUR1:VOLT:LOW", low))
             self._link.apply(Setting.number("SOUR1:VOLT:HIGH", high))
+            low = min(low + STEP_V, offset - NARROW_V / 2)
+            self._link.apply(Setting.number("SOUR1:VOLT:LOW", low))
             clock.sleep(STEP_V / slew_v_per_s)
 
     def _pull_in(self, found: OutputState) -> None:
@@ -300,6 +304,7 @@ class Keysight33500B:
                 remedy="go to rest first",
             )
         self._pull_in(found)
+        self._loaded_s = codes.size / sample_rate
         digest = hashlib.sha256(codes.tobytes()).hexdigest()
         if digest not in self._uploaded:
             if self._free_points is None or self._free_points < codes.size:
@@ -346,7 +351,7 @@ class Keysight33500B:
         ``duration_s`` is how long the burst lasts; a margin is added. On a
         virtual bench the answer comes at once, the clock having jumped.
         """
-        margin = max(_MARGIN_S, self._link.transport.timeout_s)
+        margin = self._link.transport.timeout_s
         answer = self._link.query("*OPC?", timeout_s=min(duration_s, 1e6) + margin)
         if answer.lstrip("+") != "1":
             raise InstrumentError(

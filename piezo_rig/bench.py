@@ -80,23 +80,15 @@ class Bench:
                 "mend the addresses in the rig's config",
             )
         self.origin = "SIMULATED" if simulated["waveform_dac"] else "REAL"
+        if self.origin == "REAL":
+            raise LimitError(
+                "bench-real", "this bench is REAL, and this version plays simulated benches only",
+                "without a guard process a killed program could leave 75 V on the stack",
+                "use the simulated bench; real ones are opened by the release that has the guard",
+            )
         with instrument_errors():
             self.interferometer.set_switch(rig.sensitivity_switch)
-            settings = {
-                "waveform_dac": self.dac.settings(),
-                "digitizer": self.digitizer.settings(),
-                "amplifier": self.amplifier.settings(),
-                "interferometer": self.interferometer.settings(),
-            }
-        self.instruments = tuple(
-            InstrumentRecord(
-                name=name,
-                idn=identities[name].raw,
-                serial=identities[name].serial,
-                settings=values,
-            )
-            for name, values in settings.items()
-        )
+        self.instruments = self.read_settings()
         for name, link in (
             ("waveform_dac", rig.waveform_dac), ("digitizer", rig.digitizer.link),
             ("amplifier", rig.amplifier),
@@ -108,6 +100,20 @@ class Bench:
                     f"{name}: serial number {serial}, the config expects {link.serial}",
                     "another instrument at this address", "mend the config or the cables",
                 )
+
+    def read_settings(self) -> tuple[InstrumentRecord, ...]:
+        """Every instrument's identity and what its settings read back as now."""
+        with instrument_errors():
+            return tuple(
+                InstrumentRecord(
+                    name=name, idn=driver.identity.raw, serial=driver.identity.serial,
+                    settings=driver.settings(),
+                )
+                for name, driver in (
+                    ("waveform_dac", self.dac), ("digitizer", self.digitizer),
+                    ("amplifier", self.amplifier), ("interferometer", self.interferometer),
+                )
+            )
 
     def rest(self) -> dict[str, float]:
         """Bring the stack to 0 V without a jump; waits for a running burst first.
@@ -129,24 +135,35 @@ class Bench:
             "duration_s": moved["duration_s"],
         }
 
-    def play(self, name: str, wave: Wave, sample_rate: float) -> Recorded:
-        """Play one sweep under hardware timing: the generator's burst triggers the digitizer."""
+    def _ranges(self) -> dict[int, float]:
         setup = self.rig.digitizer
-        count = wave.command_v.size * setup.oversampling
         ranges = {setup.sensor_channel: setup.sensor_range_v}
         if setup.monitor_channel:
             ranges[setup.monitor_channel] = setup.monitor_range_v
-        duration = wave.command_v.size / sample_rate
+        return ranges
+
+    def load(self, name: str, wave: Wave, sample_rate: float) -> None:
+        """Make one sweep ready on generator and digitizer; nothing moves."""
+        factor = self.rig.digitizer.oversampling
         with instrument_errors():
             self.dac.load(name, wave.codes, wave.low_v, wave.high_v, sample_rate)
-            self.digitizer.configure(sample_rate * setup.oversampling, count, ranges)
+            self.digitizer.configure(
+                sample_rate * factor, wave.command_v.size * factor, self._ranges()
+            )
+
+    def play(self, name: str, wave: Wave, sample_rate: float) -> Recorded:
+        """Play one sweep under hardware timing: the generator's burst triggers the digitizer."""
+        setup = self.rig.digitizer
+        ranges = self._ranges()
+        self.load(name, wave, sample_rate)
+        with instrument_errors():
             self.digitizer.arm()
             started = self.clock.now()
             self.at_rest = False
             self.dac.start()
-            self.dac.wait(duration)
+            self.dac.wait(wave.command_v.size / sample_rate)
             self.at_rest = True
-            volts = self.digitizer.fetch(sorted(ranges), count)
+            volts = self.digitizer.fetch(sorted(ranges), wave.command_v.size * setup.oversampling)
         return Recorded(
             sensor_v=volts[setup.sensor_channel],
             monitor_v=volts.get(setup.monitor_channel),
@@ -169,7 +186,35 @@ def instrument_errors() -> Iterator[None]:
         yield
     except InstrumentError as error:
         kind = LimitError if error.code == "bench-refused" else BenchError
-        raise kind(error.code, str(error), error.cause, error.remedy) from error
+        cause, remedy = _USUAL.get(error.code, ("", ""))
+        raise kind(
+            error.code, str(error), error.cause or cause, error.remedy or remedy
+        ) from error
+
+
+_SEE_LINE = "check power, cable and address; then run again"
+_USUAL = {
+    "instrument-refused": ("it is off, or another address", _SEE_LINE),
+    "instrument-timeout": ("it is off, hangs, or the line is cut", _SEE_LINE),
+    "instrument-hangup": ("it was switched off or restarted, or the line is cut", _SEE_LINE),
+    "instrument-garbage": (
+        "another kind of instrument at this address, or another program talks to it too",
+        "check the address, and that nothing else holds the line; then run again",
+    ),
+    "instrument-block": (
+        "the transfer was cut short, or another program talks to the instrument too",
+        "check the line, and that nothing else holds it; then run again",
+    ),
+    "instrument-error-queue": (
+        "the instrument does not accept the command that is named",
+        "compare its firmware with the driver's; the transcript in the run has every byte",
+    ),
+    "instrument-setting": (
+        "the instrument does not have that setting, or somebody changed it at the front panel",
+        "leave the front panel alone while a run plays; then run again",
+    ),
+}
+"""Likely cause and remedy by code, where the driver knows nothing better."""
 
 
 @contextmanager
@@ -268,8 +313,20 @@ def simulated_plant(rig: Rig) -> Any:
     """The plant that a simulated rig's config describes."""
     from drivers.simulated.plant import Plant
 
+    return Plant(plant_config(rig))
+
+
+def plant_config(rig: Rig) -> Any:
+    """The settings of a simulated rig's plant, checked; cheap.
+
+    Raises
+    ------
+    InputError : the ``[plant]`` table holds an unknown key or a value that does not fit
+    """
+    from drivers.simulated.plant.config import PlantConfig
+
     try:
-        return Plant(rig.plant)
+        return PlantConfig.from_mapping(rig.plant)
     except ValueError as error:
         raise InputError(
             "config", f"{rig.path}: [plant] {error}", "a slip in the rig's config",

@@ -10,13 +10,14 @@ from __future__ import annotations
 import argparse
 import importlib
 import os
+import signal
 import sys
 import tempfile
 from collections.abc import Sequence
 from typing import Any
 
 from piezo_rig import __version__
-from piezo_rig.errors import ABORTED, BAD_INPUT, InputError, PiezoRigError
+from piezo_rig.errors import ABORTED, BAD_INPUT, INSTRUMENT, InputError, PiezoRigError
 
 # verb -> the file in piezo_rig/commands that does it
 VERBS = {
@@ -63,7 +64,15 @@ def program() -> None:
     # HDF5 complains about a full disk once more while its objects are thrown away, past every
     # ``except``. What went wrong has been said by then.
     sys.excepthook = sys.unraisablehook = lambda *_: None
-    sys.exit(main())
+    for number in (signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, signal.default_int_handler)  # ends the program as Ctrl-C does
+    status = main()
+    sys.stdout.flush()
+    sys.stderr.flush()
+    if status == INSTRUMENT:
+        # A disk that failed under HDF5 makes its clean-up at exit fail too, with a crash.
+        os._exit(status)
+    sys.exit(status)
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -55,6 +55,10 @@ def find(kind: str, name: str, beside: Path | None = None) -> Path:
     for candidate in candidates:
         if candidate.is_file():
             return candidate
+    if given.is_dir():
+        raise InputError(
+            "file-missing", f"{name}: a folder, not a file", "a slip in the name", "give a file"
+        )
     raise InputError(
         "file-missing",
         f"{name}: no such file, and no shipped one of that name in {kind}",

@@ -1,6 +1,6 @@
 """Plays a Plan on a Bench into a run.
 
-    connect -> rest -> ( recover -> play -> store )* -> rest -> closed
+    connect -> rest -> settings -> ( recover -> play -> store )* -> rest -> closed
 
 Whatever happens on the way, the last things that are done are: the stack goes
 to rest, and the run file is closed with everything that was recorded.
@@ -77,38 +77,34 @@ def play(
 
     Raises
     ------
-    LimitError : a REAL bench (refused until the guard exists)
     BenchError, Aborted : with ``piezo`` filled in; what was recorded is in the run
     """
-    if bench.origin == "REAL":
-        error = LimitError(
-            "bench-real", "this bench is REAL, and this version plays simulated benches only",
-            "without a guard process a killed program could leave 75 V on the stack",
-            "use the simulated bench; real ones are opened by the release that has the guard",
-        )
-        error.piezo = bench.piezo()
-        raise error
-    writer = RunWriter(path, run_header(plan, bench), [sweep_header(plan, s) for s in plan.sweeps])
     wire.clock_now = bench.clock.now
-    wire.attach(writer)
-    stop = Stop()
+    stop, writer = Stop(), None
     with stop.watching():
         try:
+            moved = bench.rest()
+            first = plan.sweeps[0]
+            bench.load(first.name, first.wave, plan.sample_rate)
+            bench.instruments = bench.read_settings()  # as they are while the run plays
+            writer = RunWriter(
+                path, run_header(plan, bench), [sweep_header(plan, s) for s in plan.sweeps]
+            )
+            wire.attach(writer)
+            writer.log(bench.clock.now(), "connected, at rest", origin=bench.origin,
+                       **{k: round(v, 3) for k, v in moved.items()})
             _play_all(plan, bench, writer, tell, stop)
+            return writer.finish()
         except PiezoRigError as error:
             _make_safe(bench, writer, error)
             raise
         except BaseException:
             _make_safe(bench, writer, None)
             raise
-    return writer.finish()
 
 
 def _play_all(plan: Plan, bench: Bench, writer: RunWriter, tell: Tell, stop: Stop) -> None:
     clock = bench.clock
-    writer.log(clock.now(), "connected", origin=bench.origin)
-    moved = bench.rest()
-    writer.log(clock.now(), "at rest", **{k: round(v, 3) for k, v in moved.items()})
     left = plan.duration_s
     for index, sweep in enumerate(plan.sweeps):
         tell(_status(plan, index, sweep, left))
@@ -141,15 +137,19 @@ def _recover(bench: Bench, stop: Stop) -> None:
         left -= 1.0
 
 
-def _make_safe(bench: Bench, writer: RunWriter, error: PiezoRigError | None) -> None:
+def _make_safe(bench: Bench, writer: RunWriter | None, error: PiezoRigError | None) -> None:
     """Rest first, then the file; a failure of either does not hide the error that led here."""
+    moved = None
     with suppress(PiezoRigError):
-        if bench.touched:
-            moved = bench.rest()
-            writer.log(bench.clock.now(), "made safe", **{k: round(v, 3) for k, v in moved.items()})
+        moved = bench.rest()
     if error is not None:
         error.piezo = error.piezo or bench.piezo()
-        with suppress(PiezoRigError):
+    if writer is None:
+        return  # nothing was played
+    with suppress(PiezoRigError):
+        if moved:
+            writer.log(bench.clock.now(), "made safe", **{k: round(v, 3) for k, v in moved.items()})
+        if error is not None:
             writer.log(bench.clock.now(), "error", code=error.code, what=error.what)
     kept = writer.part
     with suppress(PiezoRigError):
@@ -184,7 +184,8 @@ class Stop:
         if not self.signal:
             self.signal = signal.Signals(number).name
             first = f"{self.playing_until} is played to its end, " if self.playing_until else ""
-            os.write(2, f"\nstopping on {self.signal}: {first}then the stack rests\n".encode())
+            text = f"\nstopping on {self.signal}: {first}then the stack rests\n"
+            os.write(2 if os.isatty(2) else 1, text.encode())
 
     def check(self) -> None:
         """Raise Aborted if a signal has come."""

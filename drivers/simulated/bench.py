@@ -61,6 +61,9 @@ class SimulatedBench:
         for name in serials:
             self.faults.setdefault(name, {})
         self.addresses: dict[str, str] = {}
+        prepare = getattr(plant, "prepare", None)
+        if prepare is not None:
+            prepare()
         self._wiring = Wiring(plant, clock)
         amplifier = SimulatedThorlabsMDT69x(
             self._wiring,

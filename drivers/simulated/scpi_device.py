@@ -111,7 +111,9 @@ class ScpiDevice:
         return b";".join(answers) + b"\n" if answers else None
 
     async def _execute_unit(self, unit: Unit) -> Answer | None:
-        command = self._find(unit.header)
+        # Clients that start again at the root without a colon are forgiven, as long as the
+        # strict reading has no meaning.
+        command = self._find(unit.header) or self._find(unit.written)
         action = None if command is None else (command.get if unit.query else command.set)
         if not _HEADER.fullmatch(unit.header):
             raise ScpiSyntaxError(-102, "Syntax error")

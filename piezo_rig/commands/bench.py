@@ -60,6 +60,8 @@ def execute(args: argparse.Namespace) -> int:
 @contextmanager
 def _recording(plant: Any, path: Path, clock: Any) -> Iterator[None]:
     """Write the plant's own record of the stack into ``path`` while the bench serves."""
+    import numpy as np
+
     from drivers.simulated.plant.history import csv_sink
     from piezo_rig.errors import BenchError
 
@@ -70,7 +72,9 @@ def _recording(plant: Any, path: Path, clock: Any) -> Iterator[None]:
                          "the folder is missing or not yours to write",
                          "give another --record") from None
     with file:
-        plant.keep_history(csv_sink(file))
+        write = csv_sink(file)
+        # What the plant knows of the time before the clock started is its own affair.
+        plant.keep_history(lambda time_s, stack_v: write(np.maximum(time_s, 0.0), stack_v))
         try:
             yield
         finally:

@@ -26,10 +26,13 @@ def size(value: float) -> str:
 
 
 class Progress:
-    """One line on stderr that says how far it is; rewritten on a terminal, sparse elsewhere."""
+    """One line that says how far it is: rewritten on a terminal's stderr, sparse on stdout else.
+
+    Where stderr is not a terminal it carries errors and nothing else.
+    """
 
     def __init__(self, stream: TextIO | None = None, every_s: float = 5.0) -> None:
-        self.stream = stream or sys.stderr
+        self.stream = stream or (sys.stderr if sys.stderr.isatty() else sys.stdout)
         self.tty = self.stream.isatty()
         self.every_s = 0.1 if self.tty else every_s
         self._last = -1e9

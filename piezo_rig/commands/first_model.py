@@ -29,6 +29,8 @@ def first_model(path: Path) -> tuple[str, str]:
     sweeps = run.sweeps()
     try:
         train = _of_condition(sweeps, "0-75")
+        if train[0].condition != "0-75":
+            print(f"0-75 V was not played; {train[0].condition} stands in for it")
         print(f"identifying: classical, slopes, {ELEMENTS} elements, from "
               f"{len(train)} sweep(s) of {train[0].condition}")
         found = identify(

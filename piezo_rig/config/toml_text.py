@@ -36,8 +36,7 @@ class Document:
             self.data = tomllib.loads(text)
         except (tomllib.TOMLDecodeError, RecursionError, ValueError) as error:
             raise InputError(
-                code, f"{name}: {error}", "the file is not valid TOML",
-                "mend the line that is named",
+                code, *_not_toml(name, str(error)), "mend the line that is named"
             ) from None
         self._lines = _line_numbers(text)
 
@@ -148,8 +147,10 @@ class Table:
             number = math.inf
         if not math.isfinite(number):
             raise self.error(key, f"expected a finite number, found {value!r}")
-        if number < low or number > high:
-            raise self.error(key, f"{number:g} is outside {low:g} .. {high:g}")
+        if number < low:
+            raise self.error(key, f"{number:g} is below {low:g}")
+        if number > high:
+            raise self.error(key, f"{number:g} is above {high:g}")
         if number <= above:
             raise self.error(key, f"{number:g} must be above {above:g}")
         return number
@@ -182,6 +183,18 @@ class Table:
                     f"did you mean '{near[0]}'?" if near
                     else f"known here: {', '.join(sorted(self._taken))}",
                 )
+
+
+def _not_toml(name: str, complaint: str) -> tuple[str, str]:
+    """What tomllib says, with the line where other messages have it; and the likely cause."""
+    found = re.search(r"\(at line (\d+), column (\d+)\)", complaint)
+    text = re.sub(r"\s*\(at [^)]*\)", "", complaint)
+    if "overwrite" in text.lower():
+        text, cause = "a key or table that stands there already", "a key was given twice"
+    else:
+        cause = "the file is not valid TOML"
+    where = f"{name}:{found.group(1)}: column {found.group(2)}: " if found else f"{name}: "
+    return where + text, cause
 
 
 def _dotted(path: Path_) -> str:

@@ -52,8 +52,8 @@ def _wave(condition: Condition, protocol: Protocol, rig: Rig) -> Wave:
     if points > DAC_MAX_POINTS or points < 9:
         raise LimitError(
             "limit-memory",
-            f"condition {condition.name}: {points - 1} samples at {rate:g} Sa/s; the waveform "
-            f"DAC holds 8 to {DAC_MAX_POINTS} points",
+            f"{protocol.path}:{condition.line}: condition {condition.name}: {points - 1} samples "
+            f"at {rate:g} Sa/s; the waveform DAC holds 8 to {DAC_MAX_POINTS} points",
             "the sweep is too long (or too short) for this sample rate",
             "use fewer cycles, shorter holds, or a lower sample_rate",
         )

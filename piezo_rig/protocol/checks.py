@@ -47,6 +47,7 @@ def check_plan(plan: Plan) -> None:
         _check_levels(plan, condition, wave)
         _check_slew(plan, condition, wave)
     _check_sensor(plan)
+    _check_monitor(plan)
 
 
 def extremes(plan: Plan) -> Extremes:
@@ -146,6 +147,18 @@ def _check_slew(plan: Plan, condition: Condition, wave: Wave) -> None:
             f"{_where(plan, condition, index)}: C dV/dt = {slew[index] * farad * 1e3:.3g} mA into "
             f"{farad * 1e6:.3g} uF; the amplifier gives {limits.current_a * 1e3:g} mA",
             "a step, or a frequency or range too large", "lower the frequency or the range",
+        )
+
+
+def _check_monitor(plan: Plan) -> None:
+    setup, need = plan.rig.digitizer, extremes(plan)
+    peak = max(abs(need.drive_min_v), abs(need.drive_max_v))
+    if setup.monitor_channel and peak > setup.monitor_range_v:
+        raise LimitError(
+            "limit-monitor",
+            f"{plan.rig.path}: the drive reaches {peak:.2f} V; the monitor's record saturates at "
+            f"{setup.monitor_range_v:g} V",
+            "the digitizer's range is too small for the drive", "set monitor_range_v = 128",
         )
 
 

@@ -21,6 +21,20 @@ def close_part(part: Path, path: Path) -> Path:
     """
     draft = path.with_name(path.name + ".tmp")
     draft.unlink(missing_ok=True)
+    try:
+        _copy(part, draft)
+        sync(draft)
+        os.replace(draft, path)
+    except BaseException:
+        draft.unlink(missing_ok=True)
+        raise
+    sync(path.parent)
+    part.unlink()
+    return path
+
+
+def _copy(part: Path, draft: Path) -> None:
+    """The counted sweeps and everything else of a part, with their attributes completed."""
     with h5py.File(part, "r", swmr=True) as source, h5py.File(draft, "w", track_order=True) as f:
         f.attrs.update(dict(source.attrs))
         old = source["entry"]
@@ -42,11 +56,6 @@ def close_part(part: Path, path: Path) -> Path:
         entry.attrs["planned_sweeps"] = len(names)
         write_loop(entry)
         f.flush()
-    sync(draft)
-    os.replace(draft, path)
-    sync(path.parent)
-    part.unlink()
-    return path
 
 
 def recover(folder: Path) -> list[Path]:

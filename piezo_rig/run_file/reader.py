@@ -84,7 +84,8 @@ class Run:
             raise InputError(
                 "run-file", f"{self.path}: cannot be read as a run: {_first_line(error)}",
                 "the file is damaged, unfinished, or not a run",
-                "check it with 'piezo-rig verify'; recordings go through 'piezo-rig import'",
+                "take it from the backup; a recording of another program goes through "
+                "'piezo-rig import'",
             ) from None
 
     def sweeps(self, names: list[str] | None = None) -> list[Sweep]:

@@ -14,7 +14,7 @@ import h5py
 import numpy as np
 
 from piezo_rig.errors import InputError
-from piezo_rig.run_file.layout import REQUIRED_ATTRIBUTES, UNITS
+from piezo_rig.run_file.layout import PART_SUFFIX, REQUIRED_ATTRIBUTES, UNITS
 from piezo_rig.run_file.reader import Run, decimate
 
 # The monitor sees the stack, the command says what it should be: gain and offset of the
@@ -45,6 +45,8 @@ def verify(path: Path) -> tuple[list[str], list[Verdict]]:
     """
     run = Run(path)
     found: list[Verdict] = []
+    if path.name.endswith(PART_SUFFIX):
+        return _unfinished(run)
     if not run.complete:
         found.append(Verdict("", True, _incomplete(run)))
     for key in ("protocol_text", "plan_hash", "rig_config", "software_version"):
@@ -60,9 +62,36 @@ def verify(path: Path) -> tuple[list[str], list[Verdict]]:
                 text = f"starts at {start:g} s, not after the one before"
                 found.append(Verdict(name, True, text))
             previous = start
+        for name in _damaged_elsewhere(entry):
+            found.append(Verdict("", True, f"{name} cannot be read; it is damaged"))
         if run.origin != "IMPORTED" and "loop" not in entry and run.sweep_names:
             found.append(Verdict("", True, "the default plot (loop) is missing"))
     return run.sweep_names, found
+
+
+def _unfinished(run: Run) -> tuple[list[str], list[Verdict]]:
+    with run._open() as entry:
+        valid = np.asarray(entry["recording/n_valid"][...])
+    stored = int(np.count_nonzero(valid))
+    text = (f"an unfinished recording with {stored} of {valid.size} sweeps; the next 'run' in "
+            "this folder recovers it")
+    return [], [Verdict("", True, text)]
+
+
+def _damaged_elsewhere(entry: h5py.Group) -> list[str]:
+    """Everything but the sweeps that cannot be read, by name."""
+    broken: list[str] = []
+
+    def look(name: str, thing: object) -> None:
+        if isinstance(thing, h5py.Dataset) and not name.startswith("sweep_"):
+            try:
+                thing[()]
+                dict(thing.attrs)
+            except (OSError, RuntimeError, ValueError, TypeError):
+                broken.append(name)
+
+    entry.visititems(look)
+    return broken
 
 
 def _incomplete(run: Run) -> str:

@@ -186,6 +186,8 @@ class RunWriter:
             book["start_time"][index] = start_time
             self._append_wire()
             self._flush()
+            if shutil.disk_usage(self.part.parent).free < 65_536:
+                raise OSError(28, "No space left: the sweep may not have reached the disk")
             book["n_valid"][index] = header.samples
             self._flush()
 

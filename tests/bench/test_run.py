@@ -188,12 +188,12 @@ def test_a_stopped_run_ends_at_rest_with_what_was_recorded(tmp_path, protocol, n
          "--out", str(out)],
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
     ) as runner:
-        assert runner.stderr is not None
-        runner.stderr.readline()  # progress: it plays
+        assert runner.stdout is not None
+        assert any(line.startswith("sweep 1") for line in runner.stdout)  # it plays
         os.kill(runner.pid, number)
         _, said = runner.communicate(timeout=30)
         assert runner.returncode == 5, said
-        assert "error[aborted]: " in said
+        assert said.startswith("error[aborted]: ")
         assert "at 0 V" in said
     assert abs(stack(record)[-1, 1]) < 0.01
     (path,) = out.glob("*.h5")
@@ -239,25 +239,53 @@ def served_rig_of(folder: Path, addresses: dict[str, str]):
     return load_rig(str(path))
 
 
-def test_a_real_bench_is_refused_before_anything_moves(tmp_path, protocol):
+def test_a_real_bench_is_refused_before_anything_moves_or_is_asked(tmp_path, monkeypatch):
     from drivers.simulated.bench import SimulatedBench
     from drivers.simulated.plant import Plant
 
-    class Disguised(SimulatedBench):
-        """Answers with serial numbers of real instruments."""
-
     clock, plant = VirtualClock(), Plant()
-    with Disguised(plant, clock) as served:
+    asked = []
+    with SimulatedBench(plant, clock) as served:
         rig = served_rig_of(tmp_path, served.addresses)
-        with open_bench(rig, lambda question: True, None, clock) as bench:
-            bench.origin = "REAL"
-            plan = build_plan(load_protocol(protocol), rig)
-            with pytest.raises(LimitError) as caught:
-                play(plan, bench, tmp_path / "r.h5", Wire())
+        # what marks a simulated serial number is not what these instruments answer with
+        monkeypatch.setattr("drivers.identity.SIMULATED_PREFIX", "OTHER")
+        with pytest.raises(LimitError) as caught, open_bench(rig, asked.append, None, clock):
+            pass
     assert caught.value.code == "bench-real"
     assert caught.value.exit_status == 3
     assert plant.stack_v(clock.now()) == 75.0  # as it was found
-    assert not (tmp_path / "r.h5").exists()
+    assert asked == []
+
+
+def test_the_settings_in_the_run_are_those_it_was_played_with(played):
+    run, _ = played
+    settings = run.instruments()["waveform_dac"]["settings"]
+    assert float(settings["SOUR1:FUNC:ARB:SRAT?"]) == 5000.0
+    assert settings["SOUR1:FUNC?"].upper().startswith("ARB")
+    assert float(settings["SOUR1:VOLT:LOW?"]) == -10.0
+    assert any("RANG" in query for query in run.instruments()["digitizer"]["settings"])
+
+
+COLD = """
+import os, sys
+os.environ["NUMBA_CACHE_DIR"] = sys.argv[1]
+from piezo_rig.bench import open_bench
+from piezo_rig.config import load_rig
+with open_bench(load_rig(), lambda question: True) as bench:
+    from piezo_rig.protocol import build_plan, load_protocol
+    from pathlib import Path
+    plan = build_plan(load_protocol(Path(sys.argv[2])), bench.rig)
+    bench.rest()
+    bench.play("first", plan.sweeps[0].wave, plan.sample_rate)
+"""
+
+
+def test_a_first_start_compiles_before_any_instrument_is_asked(tmp_path, protocol):
+    done = subprocess.run(
+        [sys.executable, "-c", COLD, str(tmp_path / "cache"), str(protocol)],
+        capture_output=True, text=True,
+    )
+    assert done.returncode == 0, done.stderr
 
 
 def test_a_setting_that_is_not_taken_is_named(tmp_path, protocol):

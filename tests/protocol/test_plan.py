@@ -154,7 +154,7 @@ def test_a_plan_beyond_a_limit_is_refused_with_exit_3(changes, code, rig):
         triangle(rig, **changes)
     assert caught.value.code == code
     assert caught.value.exit_status == 3
-    assert "test.toml:3" in caught.value.what  # where the condition stands
+    assert "test.toml:6" in caught.value.what  # where upper_v stands
     assert "sample" in caught.value.what
 
 
@@ -172,6 +172,14 @@ def test_a_sensitivity_that_would_clip_is_refused_and_a_fitting_one_named(rig):
         triangle(replace(rig, sensitivity_switch=1))
     assert caught.value.code == "limit-sensor"
     assert "sensitivity = 3" in caught.value.remedy
+
+
+def test_a_monitor_range_that_would_clip_is_refused(rig):
+    small = replace(rig, digitizer=replace(rig.digitizer, monitor_range_v=32.0))
+    with pytest.raises(LimitError) as caught:
+        triangle(small, upper=75.0)
+    assert caught.value.code == "limit-monitor"
+    triangle(small, upper=30.0)
 
 
 def test_a_sweep_beyond_the_generators_memory_is_refused_before_it_is_made(rig):

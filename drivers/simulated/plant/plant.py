@@ -74,6 +74,16 @@ class Plant:
         self._history: Any = None
         self._event_s = 0.0
 
+    def prepare(self) -> None:
+        """Compile and load what the physics needs, so that the first answer is not late.
+
+        The first time on a machine this takes some ten seconds, longer than any
+        instrument's timeout; afterwards the compiled code is kept.
+        """
+        trial = Plant(self.config)
+        trial.play(0.1, np.array([-10.0, -9.0, -8.0, -9.0, -10.0]), SPOT_RATE)
+        trial.record(0.1, SPOT_RATE, 8)
+
     # ------------------------------------------------------------------- events
 
     def set_level(self, t: float, command_v: float) -> None:
