@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 RUNS ?= runs
 
-.PHONY: demo test lint types layers check wheel bench-figures docs clean help
+.PHONY: demo test lint types layers check wheel bench-figures docs study study-thesis clean help
 
 demo: $(READY)  ## play quick_look on the simulated bench: run, model, figure
 	$(BIN)/piezo-rig run quick_look --out $(RUNS)
@@ -36,6 +36,11 @@ $(READY): pyproject.toml constraints.txt
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev]'
 	$(BIN)/python -m piezo_rig.warm_up
 	touch $@
+
+study: study-thesis  ## everything that docs/ claims, measured again
+
+study-thesis: $(READY)  ## plays the thesis on the simulated bench, writes docs/thesis.md
+	$(BIN)/python -m piezo_rig.studies.thesis
 
 docs: $(READY)  ## write what the documents take from the program itself
 	$(BIN)/python -m tests.docs.write

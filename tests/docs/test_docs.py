@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import re
+from pathlib import Path
 
 import pytest
-from conftest import CHECKOUT
 
 from piezo_rig.cli import VERBS
 from piezo_rig.resources import shipped_names
 
+CHECKOUT = Path(__file__).resolve().parents[2]
 DOCS = CHECKOUT / "docs"
 
 
