@@ -9,7 +9,7 @@ drive itself and vanishes for a clean one.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,9 +42,20 @@ class HalfLoops:
     def __len__(self) -> int:
         return int(self.start.size)
 
+    def only(self, i: int) -> HalfLoops:
+        """One half loop by itself."""
+        return HalfLoops(*(getattr(self, f.name)[i : i + 1] for f in fields(self)))
+
 
 def dead_band(drive_v: FloatArray) -> float:
-    """Reversals smaller than this are noise, volts; about 0 for a clean drive.
+    """Reversals smaller than this are noise, volts; about 0 for a clean drive."""
+    band = REACH * noise(drive_v)
+    # what is larger than that is a waveform of few samples, not noise on one
+    return band if band < LARGEST * float(np.ptp(drive_v)) else 0.0
+
+
+def noise(drive_v: FloatArray) -> float:
+    """Standard deviation of white noise on a waveform; 0 where there is none to be seen.
 
     Third differences of white noise change sign from sample to sample
     (their correlation is -0.75), those of a sampled waveform do not. The
@@ -54,24 +65,25 @@ def dead_band(drive_v: FloatArray) -> float:
     if n < 16:
         return 0.0
     if n <= BLOCKS * BLOCK:
-        pieces = [drive_v]
+        pieces = drive_v[None, :]
     else:
         starts = np.linspace(0, n - BLOCK, BLOCKS).astype(int)
-        pieces = [drive_v[i : i + BLOCK] for i in starts]
-    third = [np.diff(p, 3) for p in pieces]
-    sizes = np.abs(np.concatenate(third))
-    sigma = float(np.median(sizes)) / (0.6745 * np.sqrt(20.0))
+        pieces = np.stack([drive_v[i : i + BLOCK] for i in starts])
+    first = pieces[:, 1:] - pieces[:, :-1]
+    second = first[:, 1:] - first[:, :-1]
+    third = second[:, 1:] - second[:, :-1]
+    sizes = np.abs(third).ravel()
+    middle = float(np.partition(sizes, sizes.size // 2)[sizes.size // 2])
+    sigma = middle / (0.6745 * np.sqrt(20.0))
     if sigma == 0.0:
         return 0.0
     # corners and jumps must not decide what is smooth
-    cut = 5.0 * float(np.median(sizes))
-    small = [np.clip(d, -cut, cut) for d in third]
-    products = sum(float(np.dot(d[1:], d[:-1])) for d in small)
-    power = sum(float(np.dot(d, d)) for d in small)
+    small = np.minimum(np.maximum(third, -5.0 * middle), 5.0 * middle)
+    products = float(np.vdot(small[:, 1:], small[:, :-1]))
+    power = float(np.vdot(small, small))
     if products >= -0.3 * power:
         return 0.0
-    # what is larger than that is a waveform of few samples, not noise on one
-    return REACH * sigma if REACH * sigma < LARGEST * float(np.ptp(drive_v)) else 0.0
+    return sigma
 
 
 def half_loops(drive_v: FloatArray, band: float | None = None) -> HalfLoops:

@@ -33,6 +33,11 @@ import numpy as np
 def _run_end(v, i, up):
     """Last sample of the monotone run that contains i, moving up or down."""
     n = v.size
+    # noise makes short runs: a few samples by themselves first
+    for _ in range(6):
+        if i + 1 == n or not (v[i + 1] >= v[i] if up else v[i + 1] <= v[i]):
+            return i
+        i += 1
     while True:
         if i + 65 <= n:
             # a view whose indices start at 0: the compiler turns this into vector code
@@ -106,6 +111,22 @@ def _first_beyond(v, i, end, limit, up):
 
 
 @numba.njit(cache=True, boundscheck=False)
+def _back_again(v, i, here, room, up):
+    """First sample beyond ``here`` after a small excursion the other way; -1 if there is none.
+
+    Small: no further than ``room``, over within 24 samples.
+    """
+    end = min(i + 24, v.size)
+    if up:
+        while i < end and v[i] >= here and v[i] - here < room:
+            i += 1
+        return i if i < end and v[i] < here else -1
+    while i < end and v[i] <= here and here - v[i] < room:
+        i += 1
+    return i if i < end and v[i] > here else -1
+
+
+@numba.njit(cache=True, boundscheck=False)
 def walk(v, origin, init_knots, first_break, rest_knots, loop_start, first_slope):
     """Cut a drive into segments.
 
@@ -143,6 +164,7 @@ def walk(v, origin, init_knots, first_break, rest_knots, loop_start, first_slope
     while i < n:
         start = end
         k = i
+        resumed = False
         while k < n and v[k] == here:
             k += 1
         if k == n:
@@ -150,8 +172,40 @@ def walk(v, origin, init_knots, first_break, rest_knots, loop_start, first_slope
             end = n - 1
         else:
             up = v[k] > here
+            if count > 0:
+                # a loop inside the first band is one line there and back: one segment, and
+                # nothing of it is remembered
+                of = loop
+                while of + 1 < loop_start.size and loop_start[of + 1] <= start:
+                    of += 1
+                if depth == 0:
+                    limit = 2.0 * origin - here
+                else:
+                    limit = turn[depth - 1]
+                reach = min(first_break * first_slope[of], abs(limit - here))
+                after = _back_again(v, i, here, reach, up)
+                if after >= 0 and (of + 1 == loop_start.size or loop_start[of + 1] >= after):
+                    if count == capacity:
+                        ints = np.concatenate((ints, np.empty((capacity, 5), np.int64)))
+                        floats = np.concatenate((floats, np.empty((capacity, 4), np.float64)))
+                        capacity *= 2
+                    ints[count, 0] = i
+                    ints[count, 1] = after
+                    ints[count, 2] = n0
+                    ints[count, 3] = of
+                    ints[count, 4] = 0
+                    floats[count, 0] = here
+                    floats[count, 1] = here
+                    floats[count, 2] = first_slope[of]
+                    floats[count, 3] = 0.0
+                    count += 1
+                    loop = of
+                    i = after
+                    up = not up
+                    resumed = True
+                    k = i
             end = _run_end(v, k, up)
-        if count > 0:
+        if count > 0 and not resumed:
             while loop + 1 < loop_start.size and loop_start[loop + 1] <= start:
                 loop += 1
             if depth + 2 > room:

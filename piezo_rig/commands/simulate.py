@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -48,9 +48,27 @@ def execute(args: argparse.Namespace) -> int:
     print(f"model     {model.name or args.model}: {', '.join(s.id for s in model.stages)}")
     print(f"drive     {table.shape[0]} samples, {table[:, 1].min():g} .. {table[:, 1].max():g} V, "
           f"history {history}{'' if len(stretches) == 1 else f', {len(stretches)} sweeps'}")
+    for line in beyond(model.provenance.get("drive_v"), table[:, 1]):
+        print(line)
     print(f"travel    {np.ptp(table[:, 2]):.3f} um")
     print(f"simulation: {args.out}")
     return 0
+
+
+def beyond(identified: Any, drive: NDArray[np.float64]) -> list[str]:
+    """A warning where a drive leaves the volts (lowest, highest) that a model was fitted on."""
+    import numpy as np
+
+    if not (isinstance(identified, list) and len(identified) == 2
+            and all(isinstance(v, int | float) for v in identified)):
+        return []
+    low, high = (float(v) for v in identified)
+    room = 0.01 * (high - low)
+    outside = int(np.count_nonzero((drive < low - room) | (drive > high + room)))
+    if not outside:
+        return []
+    return [f"warning: {outside} of {drive.size} samples of the drive are outside {low:g} .. "
+            f"{high:g} V, on which the model was identified: there the last slope goes on"]
 
 
 def _drives(args: argparse.Namespace) -> list[tuple[NDArray[np.float64], NDArray[np.float64]]]:

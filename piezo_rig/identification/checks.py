@@ -8,11 +8,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from piezo_rig.chain import dead_band
+from piezo_rig.chain.half_loops import REACH, noise
 from piezo_rig.errors import InputError
 from piezo_rig.run_file.sweep import Sweep
 
 FloatArray = NDArray[np.float64]
 AGREE = 0.01  # calibrations may differ by this share
+SPIKE = 0.5  # of the travel: one sample that far from both its neighbours is no movement
+MOST_SPIKES = 0.01  # of the samples; more of them are not interruptions
+FALLS = -0.5  # correlation of drive and displacement below which the polarity must be wrong
 FLAT_SHARE = 0.04  # of the drive's range may pass while the sensor stands at its extreme
 
 
@@ -51,12 +55,13 @@ def check_sweep(sweep: Sweep) -> None:
                 )
     _check_drive(where, drive)
     _check_sensor(where, drive, displacement)
+    _check_polarity(where, sweep, drive, displacement)
 
 
 def _check_drive(where: str, drive: FloatArray) -> None:
     low, high = float(drive.min()), float(drive.max())
     band = dead_band(drive)
-    if high - low <= max(band, 1e-9 * max(abs(low), abs(high))):
+    if high - low <= max(REACH * noise(drive), 1e-9 * max(abs(low), abs(high))):
         raise InputError(
             "constant-drive",
             f"{where}: the drive stays at {drive[0]:.4g} V",
@@ -84,14 +89,16 @@ def _check_sensor(where: str, drive: FloatArray, displacement: FloatArray) -> No
             "the wrong channel, a beam that is interrupted, or a sensor that is off",
             "check which channel is the sensor",
         )
-    span = float(np.ptp(drive))
+    band = dead_band(displacement)
+    # a sensor that is still alive would move by more than its noise over so much drive
+    span = float(np.ptp(drive)) * max(FLAT_SHARE, 4.0 * band / travel)
     for extreme, side in ((displacement.max(), "largest"), (displacement.min(), "smallest")):
-        flat = displacement == extreme
+        flat = np.abs(displacement - extreme) <= band
         if np.count_nonzero(flat) < 6:
             continue
         edges = np.flatnonzero(np.diff(np.concatenate([[0], flat.astype(np.int8), [0]])))
         for a, b in zip(edges[::2], edges[1::2], strict=True):
-            if b - a >= 6 and np.ptp(drive[a:b]) > FLAT_SHARE * span:
+            if b - a >= 6 and np.ptp(drive[a:b]) > span:
                 raise InputError(
                     "sensor-saturated",
                     f"{where}: the sensor stands at its {side} value "
@@ -100,6 +107,42 @@ def _check_sensor(where: str, drive: FloatArray, displacement: FloatArray) -> No
                     "the sensor's output or the digitizer's input range is exceeded",
                     "set a larger sensitivity switch or input range and record again",
                 )
+
+
+def without_spikes(sweep: Sweep) -> tuple[Sweep, str]:
+    """The sweep with beam interruptions bridged, and what was done ('' if nothing).
+
+    Only single samples that leave their neighbours by half the travel or more; smaller ones
+    do a fit no harm.
+    """
+    y = sweep.displacement_um
+    away = np.abs(y[1:-1] - 0.5 * (y[:-2] + y[2:]))
+    limit = SPIKE * float(np.ptp(np.percentile(y, [1.0, 99.0])))
+    found = np.flatnonzero((away > limit) & (np.abs(y[2:] - y[:-2]) < 0.5 * limit)) + 1
+    if found.size == 0 or found.size > MOST_SPIKES * y.size or limit == 0.0:
+        return sweep, ""
+    volts = sweep.sensor_v.copy()
+    volts[found] = 0.5 * (volts[found - 1] + volts[found + 1])
+    which = ", ".join(str(i) for i in found[:5]) + (" ..." if found.size > 5 else "")
+    return sweep.with_(sensor_v=volts), (
+        f"warning: {label(sweep)}: the displacement jumps by more than half its travel and back "
+        f"at sample {which}: bridged"
+    )
+
+
+def _check_polarity(
+    where: str, sweep: Sweep, drive: FloatArray, displacement: FloatArray
+) -> None:
+    agreement = float(np.corrcoef(drive, displacement)[0, 1])
+    if agreement < FALLS:
+        raise InputError(
+            "displacement-falls",
+            f"{where}: the displacement falls while the drive rises "
+            f"(correlation {agreement:.2f}), with polarity {sweep.polarity:+d}",
+            "the sensor looks at the other side, or the polarity given is the wrong one",
+            f"give --polarity={-sweep.polarity:+d} for sensor volts, "
+            "or change the sign of the displacement column",
+        )
 
 
 def check_agreement(sweeps: Sequence[Sweep]) -> None:

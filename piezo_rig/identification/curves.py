@@ -233,6 +233,16 @@ class Curves:
             marks[self.first_c.size] = True
         return np.array(marks)
 
+    def runs(self) -> tuple[tuple[int, int], ...]:
+        """Where in the vector of unknowns the neighbouring compliances of a curve stand."""
+        n0, nc = self.first_c.size, self.later_c.size
+        if self.shared:
+            return ((0, n0),)
+        if self.by_law:
+            start = n0 + self.q + (0 if self.dx_um else 1)
+            return ((0, n0), (start, start + nc - 1))
+        return ((0, n0), (n0, n0 + nc))
+
     # -- tables
 
     def later_elements(self, reach_v: float) -> Elements:

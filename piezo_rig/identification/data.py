@@ -8,14 +8,14 @@ of the actuator's memory is known.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from piezo_rig.chain import HalfLoops, dead_band, half_loops
 from piezo_rig.errors import InputError
-from piezo_rig.identification.checks import check_agreement, check_sweep
+from piezo_rig.identification.checks import check_agreement, check_sweep, label, without_spikes
 from piezo_rig.run_file.sweep import Sweep
 
 FloatArray = NDArray[np.float64]
@@ -48,6 +48,11 @@ class Track:
     virgin: bool
     loops: HalfLoops
 
+    def travel_um(self, block: int) -> float:
+        """Travel of the sweep that a block belongs to."""
+        k = self.unit[block]
+        return float(np.ptp(self.displacement_um[self.edges[k] : self.edges[k + 1]]))
+
 
 @dataclass(frozen=True, eq=False)
 class Data:
@@ -65,6 +70,12 @@ class Data:
     @property
     def has_first_rise(self) -> bool:
         return any(t.virgin for t in self.tracks)
+
+    def one_repeat(self) -> Data:
+        """The first track of every list of conditions; itself where nothing repeats."""
+        first = {tuple(self.conditions[i] for i in t.sweeps): t for t in reversed(self.tracks)}
+        kept = tuple(t for t in self.tracks if any(t is f for f in first.values()))
+        return self if len(kept) == len(self.tracks) else replace(self, tracks=kept)
 
     @property
     def travel_um(self) -> float:
@@ -106,10 +117,15 @@ def prepare(sweeps: Sequence[Sweep], first_rises: bool = False) -> Data:
     """
     if not sweeps:
         raise InputError("no-data", "no sweep was given", "", "name at least one recording")
+    left_out: list[str] = []
+    mended = []
     for sweep in sweeps:
         check_sweep(sweep)
+        better, said = without_spikes(sweep)
+        mended.append(better)
+        left_out += [said] if said else []
+    sweeps = mended
     check_agreement(sweeps)
-    left_out: list[str] = []
     chains: list[list[int]] = []
     for i, sweep in enumerate(sweeps):
         if sweep.history == "carried" and chains:
@@ -124,7 +140,7 @@ def prepare(sweeps: Sequence[Sweep], first_rises: bool = False) -> Data:
     if not tracks:
         raise InputError(
             "too-few-half-loops",
-            f"{', '.join(s.name for s in sweeps)}: {left_out[-1] if left_out else 'nothing left'}",
+            left_out[-1] if left_out else f"{', '.join(map(label, sweeps))}: nothing left",
             "the drive never comes back over ground that it has covered",
             "record at least one full cycle",
         )
@@ -148,7 +164,7 @@ def _track(
     if not virgin and first_rises and _at_rest(drive, band):
         virgin = True
         left_out.append(
-            f"{sweeps[0].name}: history unknown, but it begins at rest: its first rise is taken "
+            f"{label(sweeps[0])}: history unknown, but it begins at rest: its first rise is taken "
             "for an initiation curve"
         )
     if virgin:
@@ -157,7 +173,7 @@ def _track(
         known = _known(drive, loops, band)
         first = known[0][0] if known else drive.size
         left_out.append(
-            f"{sweeps[0].name}: history unknown, {first} of {drive.size} samples before the "
+            f"{label(sweeps[0])}: history unknown, {first} of {drive.size} samples before the "
             "drive had visited both its extremes"
         )
     blocks, unit = [], []
@@ -169,7 +185,7 @@ def _track(
                 unit.append(k)
     covered = max((float(np.ptp(drive[a:b])) for a, b in blocks), default=0.0)
     if covered < COVERED * float(np.ptp(drive)):
-        left_out.append(f"{sweeps[0].name}: too few half loops")
+        left_out.append(f"{label(sweeps[0])}: too few half loops")
         return None
     return Track(
         drive, displacement, tuple(indices), tuple(int(e) for e in edges),
@@ -192,11 +208,10 @@ def _known(drive: FloatArray, loops: HalfLoops, band: float) -> list[tuple[int, 
     later = np.flatnonzero(loops.start >= both)
     # the turning point at that extreme itself
     begin = int(loops.start[later[0]]) if later.size else drive.size
-    if later.size >= 2:
-        return [(begin, drive.size)]
+    known = [(begin, drive.size)] if later.size >= 2 else []
+    if (known and begin < drive.size // 2) or len(loops) < 2:
+        return known
     # an amplitude that grows: known as long as the drive stays on ground covered before
-    if len(loops) < 2:
-        return []
     high = np.maximum.accumulate(drive)[:-1]
     low = np.minimum.accumulate(drive)[:-1]
     inside = np.concatenate([[False], (drive[1:] <= high) & (drive[1:] >= low)])
@@ -204,4 +219,6 @@ def _known(drive: FloatArray, loops: HalfLoops, band: float) -> list[tuple[int, 
     change = np.flatnonzero(np.diff(np.concatenate([[0], inside.astype(np.int8), [0]])))
     # each begins at the turning point just before it
     pairs = zip(change[::2], change[1::2], strict=True)
-    return [(int(a) - 1, int(b)) for a, b in pairs if b - a >= 8]
+    end = begin if known else drive.size
+    early = [(int(a) - 1, min(int(b), end)) for a, b in pairs]
+    return [(a, b) for a, b in early if b - a > 8] + known

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
 from piezo_rig.identification.data import Data
 from piezo_rig.identification.normal import Normal, Piece, pieces_of
-from piezo_rig.identification.solve import fill_unseen, solve_bounded
+from piezo_rig.identification.solve import continuity, fill_unseen, solve_bounded
 
 FloatArray = NDArray[np.float64]
 MOST = 30  # folds
@@ -52,6 +53,13 @@ class Folds:
         """
         all_gram, all_right = normal.gram.sum(axis=0), normal.right.sum(axis=0)
         groups = self.groups or (tuple(range(len(normal.pieces))),)
+        whole = solve_bounded(all_gram, all_right, bounded, floor)
+        whole = np.where(np.isfinite(whole), whole, 0.0)
+        left = float(normal.power.sum() - 2.0 * all_right @ whole + whole @ all_gram @ whole)
+        ends = np.cumsum((0, *sizes))
+        runs = tuple((int(a), int(b)) for a, b in pairwise(ends))
+        noise = max(left, 0.0) / float(normal.count.sum())
+        all_gram = all_gram + continuity(whole, runs, all_gram, noise)
         total, count = 0.0, 0.0
         for group in groups:
             held = list(group)

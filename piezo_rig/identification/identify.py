@@ -17,11 +17,14 @@ from piezo_rig.errors import InputError
 from piezo_rig.identification import least_squares, slopes
 from piezo_rig.identification.data import Data, prepare
 from piezo_rig.identification.folds import Folds
+from piezo_rig.identification.normal import finer, rms
 from piezo_rig.identification.scores import Scores, held_out_scores, scores
 from piezo_rig.identification.uncertainty import Bands, bands, linearised
 from piezo_rig.run_file.sweep import Sweep
 
 FloatArray = NDArray[np.float64]
+FINE_PIECES = 160  # into which data are cut for their uncertainty
+NOT_EXPLAINED = 0.25  # of the displacement's rms is left: no hysteresis of this drive
 SCHEMES = ("least-squares", "slopes")
 Progress = Callable[[str, float], None]
 
@@ -96,25 +99,31 @@ def identify(
     data = prepare(sweeps, first_rises=not one_curve)
     laws = tuple(k for k in kinds if k.id != "initiation-stage")
     provenance = _provenance(sweeps, runs, scheme)
+    ends = [f(t.drive_v) for t in data.tracks for f in (np.min, np.max)]
+    provenance |= {"drive_v": [float(min(ends)), float(max(ends))]}
     if scheme == "slopes":
         return _by_slopes(data, model, one_curve, laws, elements, provenance)
     fit = least_squares.fit(data, one_curve, laws, elements, tell)
     tell("uncertainty", 0.85)
-    normal = linearised(data, fit.curves, fit.pieces)
+    fine, owner = finer(data, fit.pieces, FINE_PIECES)
+    by_half_loop = linearised(data, fit.curves, fine)
+    normal = by_half_loop.joined(owner, fit.pieces)
     floor = least_squares.floor_of(data)
-    band = bands(data, fit.curves, normal, floor, seed)
+    band = bands(data, fit.curves, by_half_loop, floor, seed)
     reach = max(data.first_reach_v, data.later_reach_v / 2.0)
     first = fit.curves.first_elements(reach)
     later = first if one_curve else fit.curves.later_elements(data.later_reach_v)
     law_stages = [_with_intervals(s, band) for s in fit.curves.law_stages()]
     provenance |= {"held_out": fit.folds.kind, "condition_number": _short(band.condition_number)}
+    provenance |= {"bands95": band.to_dict()}
     built = _build(model, first, later, one_curve, law_stages, provenance)
     tell("held out", 0.9)
     held = held_out_scores(data, fit.curves, normal, fit.folds, floor)
     tell("done", 1.0)
-    notes = [*data.left_out, *fit.notes]
+    fitted = scores(data, built.branches())
+    notes = [*data.left_out, *fit.notes, *_unexplained(data, fitted)]
     return Identification(
-        built, scheme, scores(data, built.branches()), held, fit.folds.kind, band, None, notes
+        built, scheme, fitted, held, fit.folds.kind, band, None, notes
     )
 
 
@@ -188,6 +197,18 @@ def _build(
     model = Model((*stages, *laws), provenance, name)
     model.check()
     return model
+
+
+def _unexplained(data: Data, fitted: Scores) -> list[str]:
+    """A warning where hysteresis of the drive is not what moves the sensor."""
+    moved = rms(data, [t.displacement_um for t in data.tracks])
+    share = fitted.rms_nm / (1e3 * moved)
+    if share < NOT_EXPLAINED:
+        return []
+    return [
+        f"warning: the model leaves {100 * share:.0f} % of the displacement's rms unexplained: "
+        "another channel, another drive, or something other than hysteresis"
+    ]
 
 
 def _with_intervals(stage: Stage, band: Bands) -> Stage:

@@ -34,7 +34,7 @@ from piezo_rig.identification.solve import FLOOR, fill_unseen, solve_bounded
 FloatArray = NDArray[np.float64]
 FINE = 80  # bands from which coarser grids are summed
 COARSER = (80, 40, 20, 16, 10, 8, 5)
-WORSE = 1.01  # a coarser grid may predict this much worse than the best
+WORSE = 1.001  # a coarser grid may predict this much worse than the best
 THESIS_ELEMENTS = 40
 ALMOST = 0.999  # equal displacements must fit better by this, or equal drives are kept
 CLEAN = 3e-6  # noise below this share of the travel: break points can be read off
@@ -76,9 +76,13 @@ def fit(
     else:
         spaced = _given(data, one_curve, pieces, elements)
     progress("curves", 0.4)
-    fitted = [_fit_laws(data, c, laws, pieces) for c in spaced]
-    errors = [rms(data, residuals(data, c)) for c in fitted]
+    few = data.one_repeat()  # what is looked for by trial is looked for there
+    few_pieces = pieces if few is data else pieces_of(few, cycles=folds.kind == "cycles")
+    fitted = [_fit_laws(few, c, laws, few_pieces) for c in spaced]
+    errors = [rms(few, residuals(few, c)) for c in fitted]
     curves = fitted[-1] if errors[-1] < ALMOST * errors[0] else fitted[0]
+    if laws and few is not data:
+        curves, _ = polish(data, curves, pieces, knots=False)
     if len(fitted) > 1:
         notes.append(
             f"elements at equal steps of {'displacement' if curves is fitted[1] else 'drive'} "
@@ -127,7 +131,7 @@ def _check_laws(data: Data, curves: Curves) -> None:
         if np.std(column) < ALIKE * np.max(np.abs(column)):
             raise InputError(
                 "law-not-determined",
-                f"{curves.laws[i].id}: its {name} cannot be told: all {column.size} half loops "
+                f"{curves.laws[i].id}: its {name} cannot be told: the half loops ({column.size}) "
                 "have nearly the same history",
                 "one condition cannot show how the first spring depends on history",
                 "give recordings of several ranges, or identify `initiation` or `classical`",

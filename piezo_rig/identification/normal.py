@@ -7,7 +7,7 @@ selection of them is a small linear problem.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -17,6 +17,7 @@ from piezo_rig.identification.curves import Curves
 from piezo_rig.identification.data import Data, Track
 
 FloatArray = NDArray[np.float64]
+MOST_CYCLES = 48  # pieces of one block
 CHUNK = 20_000  # segments whose columns are held at once
 
 
@@ -46,19 +47,56 @@ class Normal:
         gram = matrix.T @ self.gram @ matrix
         return Normal(gram, self.right @ matrix, self.power, self.count, self.pieces)
 
+    def joined(self, owner: NDArray[np.int64], pieces: tuple[Piece, ...]) -> Normal:
+        """The same equations with pieces added up; ``owner``: the new piece of every old one."""
+
+        def total(values: FloatArray) -> FloatArray:
+            out = np.zeros((len(pieces), *values.shape[1:]))
+            np.add.at(out, owner, values)
+            return out
+
+        return Normal(
+            total(self.gram), total(self.right), total(self.power), total(self.count), pieces
+        )
+
 
 def pieces_of(data: Data, cycles: bool = False) -> tuple[Piece, ...]:
-    """One piece per block, or with ``cycles`` one per full cycle."""
+    """One piece per block, or with ``cycles`` one per full cycle (or a few)."""
     out = []
     for t, track in enumerate(data.tracks):
         for b, (begin, end) in enumerate(track.blocks):
             edges = [begin, end]
             if cycles:
                 turns = track.loops.start[(track.loops.start > begin) & (track.loops.start < end)]
-                edges = [begin, *(int(i) for i in turns[1:-1:2]), end]
+                turns = turns[1:-1:2]
+                if turns.size > MOST_CYCLES:  # several at a time
+                    turns = turns[np.linspace(0, turns.size - 1, MOST_CYCLES).astype(int)]
+                edges = [begin, *(int(i) for i in turns), end]
             sweep = track.sweeps[track.unit[b]]
             out += [Piece(t, b, i, j, sweep) for i, j in pairwise(edges)]
     return tuple(out)
+
+
+def finer(
+    data: Data, pieces: tuple[Piece, ...], most: int
+) -> tuple[tuple[Piece, ...], NDArray[np.int64]]:
+    """Pieces cut at turning points, about ``most`` in all, and for each the one that it is of.
+
+    A piece with one half loop alone is cut into quarters.
+    """
+    out: list[Piece] = []
+    owner: list[int] = []
+    parts = max(1, most // len(pieces))
+    for i, piece in enumerate(pieces):
+        turns = data.tracks[piece.track].loops.start
+        inside = turns[(turns > piece.begin) & (turns < piece.end)]
+        if inside.size == 0:
+            inside = np.linspace(piece.begin, piece.end, 5).astype(int)[1:-1]
+        kept = inside[np.linspace(0, inside.size, parts + 1)[1:-1].astype(int)]
+        for a, b in pairwise([piece.begin, *sorted({int(k) for k in kept}), piece.end]):
+            out.append(replace(piece, begin=a, end=b))
+            owner.append(i)
+    return tuple(out), np.array(owner)
 
 
 def normal_equations(

@@ -13,7 +13,7 @@ from piezo_rig.identification.curves import Curves
 from piezo_rig.identification.data import Data
 from piezo_rig.identification.folds import Folds
 from piezo_rig.identification.normal import Normal
-from piezo_rig.identification.solve import solve_bounded
+from piezo_rig.identification.solve import continuity, solve_bounded
 
 FloatArray = NDArray[np.float64]
 FAR = 3.0  # times the full fit's error: a linearised refit that cannot be meant
@@ -63,9 +63,8 @@ def scores(data: Data, branches: Branches) -> Scores:
     for track in data.tracks:
         walked = branches.walk(track.drive_v, track.loops)
         error = track.displacement_um - branches.displacement(track.drive_v, walked)
-        for a, b in track.blocks:
-            e = error[a:b] - error[a:b].mean()
-            parts.append(_score(e, float(np.ptp(track.displacement_um[a:b]))))
+        for k, (a, b) in enumerate(track.blocks):
+            parts.append(_score(error[a:b] - error[a:b].mean(), track.travel_um(k)))
     return Scores.pooled(parts)
 
 
@@ -79,6 +78,8 @@ def held_out_scores(
     if folds.kind == "none":
         return None
     all_gram, all_right = normal.gram.sum(axis=0), normal.right.sum(axis=0)
+    noise = float(normal.power.sum() / normal.count.sum())
+    all_gram += continuity(curves.pack(False), curves.runs(), all_gram, noise)
     bounded, centre, parts = curves.bounded(False), curves.pack(False), []
     for group in folds.groups:
         held = list(group)
@@ -111,7 +112,7 @@ def _errors(data: Data, normal: Normal, held: list[int], branches: Branches) -> 
             if piece.track == t:
                 a, b = track.blocks[piece.block]
                 e = error[piece.begin : piece.end] - error[a:b].mean()
-                out.append(_score(e, float(np.ptp(track.displacement_um[a:b]))))
+                out.append(_score(e, track.travel_um(piece.block)))
     return out
 
 

@@ -1,4 +1,4 @@
-"""Small linear problems: bounded least squares on Gram matrices, and many of them at once."""
+"""Small linear problems: bounded least squares on Gram matrices."""
 
 from __future__ import annotations
 
@@ -42,6 +42,32 @@ def solve_bounded(
     return x
 
 
+def continuity(
+    x: FloatArray, runs: tuple[tuple[int, int], ...], gram: FloatArray, noise: float
+) -> FloatArray:
+    """Ridge on steps between neighbouring compliances, shape (p, p).
+
+    For refits on less than all data: a band that is then hardly visited goes on with its
+    neighbour's compliance. The weight is one sample of noise against a step as large as the
+    compliance itself, so that whatever the data do say counts for more.
+
+    Parameters
+    ----------
+    x : a fit, for the size of compliances
+    runs : (first, one past last) index of neighbouring compliances
+    gram : runs that it never visits stay as they are
+    noise : variance of a sample, um^2
+    """
+    out = np.zeros_like(gram)
+    for a, b in runs:
+        size = float(np.mean(np.abs(x[a:b]))) if b > a else 0.0
+        if size == 0.0 or not np.any(np.diag(gram)[a:b] > 0):
+            continue
+        steps = np.diff(np.eye(b - a), axis=0)
+        out[a:b, a:b] = noise / size**2 * (steps.T @ steps)
+    return out
+
+
 def _factor(g: FloatArray) -> FloatArray:
     """Cholesky factor of a unit-diagonal Gram matrix, with the least ridge that it needs."""
     ridge = 0.0
@@ -69,45 +95,3 @@ def condition_number(gram: FloatArray) -> float:
     scale = 1.0 / np.sqrt(diagonal[seen])
     eigen = np.linalg.eigvalsh(gram[np.ix_(seen, seen)] * np.outer(scale, scale))
     return float(eigen[-1] / max(eigen[0], 1e-300))
-
-
-def solve_many(
-    gram: FloatArray,
-    right: FloatArray,
-    weights: FloatArray,
-    bounded: NDArray[np.bool_],
-    floor: float,
-) -> FloatArray:
-    """Refits on weighted sums of pieces.
-
-    Parameters
-    ----------
-    gram, right : shapes (m, p, p) and (m, p)
-    weights : shape (k, m), how often each piece was drawn
-
-    Returns
-    -------
-    shape (k, p); where the free solution breaks a bound, the bounded one
-    """
-    m, p, _ = gram.shape
-    diagonal = np.diag(gram.sum(axis=0))
-    seen = diagonal > UNSEEN * diagonal.max()
-    scale = 1.0 / np.sqrt(diagonal[seen])
-    x = np.full((weights.shape[0], p), np.nan)
-    g = gram[:, seen][:, :, seen] * np.outer(scale, scale)
-    r = right[:, seen] * scale
-    size = int(seen.sum())
-    small = 1e-12 * np.eye(size) * weights.sum(axis=1).mean() / m
-    for first in range(0, weights.shape[0], 250):
-        w = weights[first : first + 250]
-        grams = (w @ g.reshape(m, -1)).reshape(-1, size, size) + small
-        rights = w @ r
-        free = np.linalg.solve(grams, rights[:, :, None])[:, :, 0] * scale
-        broken = np.any(free[:, bounded[seen]] < floor, axis=1)
-        for i in np.flatnonzero(broken):
-            full_gram, full_right = np.zeros((p, p)), np.zeros(p)
-            full_gram[np.ix_(seen, seen)] = grams[i] / np.outer(scale, scale)
-            full_right[seen] = rights[i] / scale
-            free[i] = solve_bounded(full_gram, full_right, bounded, floor)[seen]
-        x[first : first + 250, seen] = free
-    return x

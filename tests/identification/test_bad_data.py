@@ -27,6 +27,7 @@ CASES = {
     "unequal-lengths": (DRIVE, Y[:-5]),
     "too-few-samples": (DRIVE[:3], Y[:3]),
     "constant-displacement": (DRIVE, np.zeros(Y.size)),
+    "displacement-falls": (DRIVE, -Y),
     "sensor-saturated": (DRIVE, np.minimum(Y, 0.7 * Y.max())),
 }
 
@@ -75,3 +76,35 @@ def test_names_are_checked():
     for arguments in ({"model": "magic"}, {"scheme": "magic"}, {"elements": 0}):
         with pytest.raises(InputError):
             identify([sweep(DRIVE, Y)], **{"model": "classical", **arguments})
+
+
+def test_noise_does_not_hide_that_a_sensor_or_a_drive_stands_still():
+    rng = np.random.default_rng(0)
+    noise = rng.standard_normal(DRIVE.size)
+    for drive, y, code in (
+        (DRIVE, np.minimum(Y, 0.7 * Y.max()) + 1e-3 * noise, "sensor-saturated"),
+        (3.0 + 2e-3 * noise, Y, "constant-drive"),
+    ):
+        with pytest.raises(InputError) as e:
+            identify([sweep(drive, y)], "classical")
+        assert e.value.code == code
+
+
+def test_an_interrupted_beam_is_bridged_and_said():
+    y = Y.copy()
+    y[[50, 210]] = 1e4
+    found = identify([sweep(DRIVE, y)], "classical")
+    assert found.fitted.max_percent < 2
+    assert any("50, 210" in note for note in found.left_out)
+
+
+def test_a_sensor_that_does_not_follow_the_drive_is_said():
+    y = np.random.default_rng(0).standard_normal(DRIVE.size)
+    found = identify([sweep(DRIVE, y)], "classical")
+    assert any("unexplained" in note for note in found.left_out)
+
+
+def test_the_file_is_named():
+    bad = sweep(DRIVE, gap(Y, 77)).with_(source="monday.lvm")
+    with pytest.raises(InputError, match=r"monday.lvm: sweep_0001: .* sample 77"):
+        identify([bad], "classical")

@@ -1,0 +1,62 @@
+"""First-order lags of a sampled signal, exact for signals that are straight between samples.
+
+Samples need not be evenly spaced, and a time constant may be shorter or longer than any step.
+Compiled; imported only when a stage acts.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numba
+import numpy as np
+
+
+@numba.njit(cache=True)
+def lagged(time, x, tau):
+    """x behind a first-order lag, shape (n,); it begins settled at the first sample."""
+    out = np.empty(x.size)
+    q = x[0] if x.size else 0.0
+    if x.size:
+        out[0] = q
+    known = -1.0
+    decay = 0.0
+    for n in range(1, x.size):
+        step = time[n] - time[n - 1]
+        if step <= 0.0:
+            out[n] = q
+            continue
+        if step != known:
+            known = step
+            decay = math.exp(-step / tau)
+        slow = (x[n] - x[n - 1]) / step * tau
+        q = x[n] - slow + (q - x[n - 1] + slow) * decay
+        out[n] = q
+    return out
+
+
+@numba.njit(cache=True)
+def relaxed(time, x, taus, weights):
+    """Weighted sum of lags of x, each less its value at the first sample, shape (n,)."""
+    out = np.zeros(x.size)
+    q = np.zeros(taus.size)
+    decay = np.zeros(taus.size)
+    known = -1.0
+    for n in range(1, x.size):
+        step = time[n] - time[n - 1]
+        if step > 0.0:
+            if step != known:
+                known = step
+                for k in range(taus.size):
+                    decay[k] = math.exp(-step / taus[k])
+            before = x[n - 1] - x[0]
+            here = x[n] - x[0]
+            slope = (here - before) / step
+            for k in range(taus.size):
+                slow = slope * taus[k]
+                q[k] = here - slow + (q[k] - before + slow) * decay[k]
+        total = 0.0
+        for k in range(taus.size):
+            total += weights[k] * q[k]
+        out[n] = total
+    return out
