@@ -26,6 +26,7 @@ VERBS = {
     "import": "import_recordings",
     "identify": "identify",
     "simulate": "simulate",
+    "diagnose": "diagnose",
     "bench": "bench",
     "show": "show",
     "verify": "verify",
@@ -63,7 +64,8 @@ def program() -> None:
     """The installed command: ``main`` in a process of its own."""
     # HDF5 complains about a full disk once more while its objects are thrown away, past every
     # ``except``. What went wrong has been said by then.
-    sys.excepthook = sys.unraisablehook = lambda *_: None
+    sys.excepthook = lambda *_: None
+    sys.unraisablehook = lambda _: None
     for number in (signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.default_int_handler)  # ends the program as Ctrl-C does
     status = main()

@@ -130,8 +130,8 @@ def _condition(table: Table) -> Condition:
         )
     else:
         condition = _simple(table, waveform)
-    levels = ("upper_v", "points_v", "levels_v", "level_v", "segments", "waveform")
-    key = next((k for k in levels if k in table), "")
+    telling = ("upper_v", "points_v", "levels_v", "level_v", "segments", "waveform")
+    key = next((k for k in telling if k in table), "waveform")
     line = table.document.line((*table.path, key))
     return replace(condition, name=given or condition.name, line=line)
 
