@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 RUNS ?= runs
 
-.PHONY: demo test lint types layers check wheel bench-figures docs study study-thesis clean help
+.PHONY: demo test lint types layers check wheel bench-figures docs study study-thesis study-identification clean help
 
 demo: $(READY)  ## play quick_look on the simulated bench: run, model, figure
 	$(BIN)/piezo-rig run quick_look --out $(RUNS)
@@ -29,7 +29,7 @@ wheel: $(READY)  ## build the wheel, install it elsewhere, run it in an empty fo
 	PYTHON=$(PYTHON) BUILD=$(abspath $(BIN))/python tests/wheel/try_wheel.sh
 
 bench-figures: $(READY)  ## speed, as ratios to named references
-	$(BIN)/python -m benchmarks
+	$(BIN)/python -m benchmarks $(if $(PEER_PYTHON),--peer-python $(PEER_PYTHON))
 
 $(READY): pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)
@@ -37,7 +37,10 @@ $(READY): pyproject.toml constraints.txt
 	$(BIN)/python -m piezo_rig.warm_up
 	touch $@
 
-study: study-thesis  ## everything that docs/ claims, measured again
+study: study-thesis study-identification  ## everything that docs/ claims, measured again
+
+study-identification: $(READY)  ## do the bands of an identification hold? docs/identification.md
+	$(BIN)/python -m piezo_rig.studies.identification
 
 study-thesis: $(READY)  ## plays the thesis on the simulated bench, writes docs/thesis.md
 	$(BIN)/python -m piezo_rig.studies.thesis

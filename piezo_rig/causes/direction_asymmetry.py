@@ -20,19 +20,23 @@ from typing import ClassVar
 
 import numpy as np
 
+from piezo_rig.causes.cause import Cause, Context, joined_first_bands
 from piezo_rig.chain.branches import Branches, FloatArray
 from piezo_rig.chain.half_loops import HalfLoops
+from piezo_rig.chain.model import Model
 from piezo_rig.chain.stage import Stage
 from piezo_rig.errors import InputError
 
 
-class DirectionAsymmetry(Stage):
+class DirectionAsymmetry(Cause):
     """``ratio`` of the first slopes, ascending over descending."""
 
     id = "direction-asymmetry"
     place = "actuator"
+    law: ClassVar[tuple[tuple[str, ...], float]] = (("direction", "drive+direction"), 0.1)
     units: ClassVar[Mapping[str, str]] = {"ratio": "1"}
     neutral: ClassVar[Mapping[str, float]] = {"ratio": 1.0}
+    limits: ClassVar[Mapping[str, tuple[float, float]]] = {"ratio": (0.2, 5.0)}
 
     def shape(self, branches: Branches) -> Branches:
         r = self["ratio"]
@@ -51,3 +55,11 @@ class DirectionAsymmetry(Stage):
                 "one direction would move without drive",
                 "identify the model again",
             )
+
+    @classmethod
+    def trials(cls, context: Context) -> list[Stage]:
+        return [cls.of(None, ratio=1.01)]
+
+    @classmethod
+    def bases(cls, model: Model) -> list[Model]:
+        return joined_first_bands(model)

@@ -8,7 +8,7 @@ from reference_actuators import Branching, Sliders
 from small_models import DX, FIRST, LAWS, K, lawful, play, ride, table
 
 from piezo_rig.causes import CAUSES
-from piezo_rig.chain import Elements, Maxwell, Model
+from piezo_rig.chain import Elements, Maxwell, Model, half_loops
 from piezo_rig.errors import InputError
 
 
@@ -93,3 +93,20 @@ def test_a_history_that_is_known_removes_the_first_rise():
     assert abs(virgin[40] - virgin[80] - (virgin[120] - virgin[80])) < 1e-12
     assert abs(virgin[80]) > 0.01
     assert abs(later[80]) < 1e-12
+
+
+@pytest.mark.parametrize("name", ["initiation", "range", "extremum", "direction"])
+@pytest.mark.parametrize("noise", [0.003, 0.05, 0.6])
+def test_small_loops_are_walked_as_large_ones(name, noise):
+    # a drive whose every sample is held is the same drive, but none of its loops is short
+    rng = np.random.default_rng(int(1e3 * noise))
+    drive = ride([0, 14, 2, 9, -7, 14, -3, 15], 150)
+    drive = drive + noise * rng.standard_normal(drive.size)
+    held = np.repeat(drive, 30)
+    branches = lawful(name).branches()
+    results = []
+    for v in (drive, held):
+        walked = branches.walk(v, half_loops(v, 8.0 * noise))
+        assert np.array_equal(walked.ints[1:, 0], walked.ints[:-1, 1])
+        results.append(branches.displacement(v, walked))
+    assert results[1][::30] == pytest.approx(results[0], abs=2e-12)

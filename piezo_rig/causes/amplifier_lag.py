@@ -1,0 +1,44 @@
+"""Amplifier lag: the drive follows the command behind a first-order lag.
+
+Physics: the amplifier's output resistance (or its current limit at small signals) charges the
+capacitance of the stack; tau = R C, with 1.5 uF and 10-100 ohm. Shown with the drive taken as
+commanded; where a drive monitor was recorded the lag can be read from it.
+
+Shows as: loops that open in proportion to the speed of the drive, and rounded corners. Against a
+plain delay it differs only in the corners, within a few tau of them.
+
+Plausible: 15-150 us; milliseconds for slow amplifiers.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import ClassVar
+
+import numpy as np
+
+from piezo_rig.causes.cause import Cause, Context
+from piezo_rig.chain.stage import Signal, Stage
+
+
+class AmplifierLag(Cause):
+    """``tau`` of the first-order lag."""
+
+    id = "amplifier-lag"
+    place = "drive"
+    needs_speeds = True
+    units: ClassVar[Mapping[str, str]] = {"tau": "s"}
+    limits: ClassVar[Mapping[str, tuple[float, float]]] = {"tau": (0.0, 10.0)}
+
+    def act(self, signal: Signal) -> Signal:
+        tau = self["tau"]
+        if tau <= 0.0:
+            return signal
+        from piezo_rig.chain.relaxation import lagged
+
+        time, drive = (np.ascontiguousarray(x) for x in (signal.time_s, signal.drive_v))
+        return signal.with_(drive_v=lagged(time, drive, tau))
+
+    @classmethod
+    def trials(cls, context: Context) -> list[Stage]:
+        return [cls.of(None, tau=max(2e-5, 0.1 * context.step_s))]

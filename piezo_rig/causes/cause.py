@@ -1,0 +1,129 @@
+"""What a cause adds to a stage: how it would show, so that a diagnosis can look for it.
+
+A diagnosis knows no cause by name. It plays the model with a small example of the stage and
+without it; the differences are the cause's signatures. A new cause is found as soon as its file
+says what small examples of it look like.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from piezo_rig.chain.model import Model
+from piezo_rig.chain.stage import Parameter, Signal, Stage
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Context:
+    """What the data are like, for examples of a plausible size.
+
+    Attributes
+    ----------
+    model : the model that the cause would extend
+    travel_um, span_v : largest travel and largest drive range of one recording
+    slews_v_per_s : mean |dV/dt| of the half loops, shape (m,)
+    step_s, duration_s : sampling step; longest recording
+    """
+
+    model: Model
+    travel_um: float
+    span_v: float
+    slews_v_per_s: FloatArray
+    step_s: float
+    duration_s: float
+
+    @property
+    def slew_v_per_s(self) -> float:
+        """A typical slew rate while the drive moves."""
+        return float(np.median(self.slews_v_per_s)) if self.slews_v_per_s.size else 1.0
+
+
+class Cause(Stage):
+    """A stage that a diagnosis can look for.
+
+    Class attributes
+    ----------------
+    priors : parameter -> (mean, standard deviation) for what data rarely fix: assumed laws
+    limits : parameter -> (lowest, highest) that is physically possible
+    largest : the largest plausible size, in units of the examples' own size; an effect that
+        would not show at that size cannot be looked for in the data at hand
+    law : what (in the words of a diagnosis' dictionary) a wrong form of its assumed law would
+        depend on, and by which share of the effect's size each term may be off
+    needs_speeds : it can be told from the model's own loop only where half loops differ in speed
+    needs_first_rise : it can show only where the data hold a first rise from rest
+    """
+
+    priors: ClassVar[Mapping[str, tuple[float, float]]] = {}
+    limits: ClassVar[Mapping[str, tuple[float, float]]] = {}
+    largest: ClassVar[float] = 30.0
+    law: ClassVar[tuple[tuple[str, ...], float]] = ((), 0.0)
+    needs_speeds: ClassVar[bool] = False
+    needs_first_rise: ClassVar[bool] = False
+
+    @classmethod
+    def trials(cls, context: Context) -> list[Stage]:
+        """Small examples whose signatures span the cause's effect; empty: cannot be looked for."""
+        return []
+
+    @classmethod
+    def bases(cls, model: Model) -> list[Model]:
+        """Equivalent forms of the model on which the stage may stand, the simplest first."""
+        return [model]
+
+    @classmethod
+    def begun(cls, trials: Sequence[Stage], shares: FloatArray) -> Stage:
+        """A stage from the shares (k,) in which the examples were found."""
+        values = {}
+        for name in cls.units:
+            rest = cls.neutral.get(name, 0.0)
+            moved = [t[name] - rest for t in trials]
+            values[name] = float(np.clip(
+                rest + float(np.dot(shares, moved)), *cls.limits.get(name, (-np.inf, np.inf))
+            ))
+        return cls.of(None, **values)
+
+    def reported(self, covariance: FloatArray) -> dict[str, Parameter]:
+        """Parameters with their intervals, in the catalogue's terms.
+
+        ``covariance`` : of the stage's parameters in the order of ``units``
+        """
+        out = {}
+        for i, (name, p) in enumerate(self.parameters.items()):
+            half = 1.96 * float(np.sqrt(max(covariance[i, i], 0.0)))
+            interval = (p.value - half, p.value + half) if half > 0 else None
+            out[name] = Parameter(p.value, p.unit, interval)
+        return out
+
+
+def added_by(stage: Stage, time_s: FloatArray, drive_v: FloatArray) -> FloatArray:
+    """What a clock-locked stage adds to the displacement, um, shape (n,)."""
+    nothing = np.zeros(time_s.size)
+    return stage.act(Signal(time_s, drive_v, nothing)).displacement_um
+
+
+def joined_first_bands(model: Model, most: int = 3) -> list[Model]:
+    """The model, and it with 2, 3 .. of its first bands joined into one.
+
+    A law of the first spring holds up to the first break, so where that lies matters.
+    """
+    from piezo_rig.chain.elements import Elements
+
+    out = [model]
+    table = model.maxwell.elements
+    assert table is not None
+    knots, compliance = table.knots_v, 1.0 / table.slopes
+    for joined in (2, 4, 7)[: most]:
+        if len(table) - joined < 3 or not np.all(np.isfinite(knots)):
+            break
+        width = np.diff(knots[:joined], prepend=0.0)
+        mean = float(np.sum(width * compliance[:joined]) / np.sum(width))
+        shorter = Elements.from_curve(knots[joined - 1 :], np.append(mean, compliance[joined:]))
+        out.append(model.with_stage(type(model.maxwell).of(shorter)))
+    return out

@@ -1,0 +1,55 @@
+"""Periodic nonlinearity: an error of the interferometer that repeats every half wavelength.
+
+Physics: polarisation mixing and ghost beams add a vector to the interference signal, so that the
+phase read off it errs periodically, once per lambda/2 = 316.4 nm of displacement (and, weaker,
+twice). C.-M. Wu and R. D. Deslattes, Appl. Opt. 37 (1998) 6696.
+
+Shows as: a ripple over displacement that neither direction nor speed changes.
+
+Plausible: 0.1-5 nm.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import ClassVar
+
+import numpy as np
+
+from piezo_rig.causes.cause import Cause, Context, FloatArray
+from piezo_rig.chain.stage import Parameter, Signal, Stage
+
+HALF_WAVE_UM = 0.3164
+
+
+class PeriodicNonlinearity(Cause):
+    """Sine and cosine parts (nm) of the first and second order over displacement."""
+
+    id = "periodic-nonlinearity"
+    place = "sensor"
+    units: ClassVar[Mapping[str, str]] = {
+        "sine": "nm", "cosine": "nm", "sine_2": "nm", "cosine_2": "nm",
+    }
+
+    def act(self, signal: Signal) -> Signal:
+        angle = 2.0 * np.pi / HALF_WAVE_UM * signal.displacement_um
+        error = self["sine"] * np.sin(angle) + self["cosine"] * np.cos(angle)
+        if self["sine_2"] or self["cosine_2"]:
+            error = error + self["sine_2"] * np.sin(2 * angle)
+            error = error + self["cosine_2"] * np.cos(2 * angle)
+        return signal.with_(displacement_um=signal.displacement_um + 1e-3 * error)
+
+    @classmethod
+    def trials(cls, context: Context) -> list[Stage]:
+        if context.travel_um < HALF_WAVE_UM:
+            return []
+        nothing = dict.fromkeys(cls.units, 0.0)
+        return [cls.of(None, **(nothing | {name: 0.1})) for name in cls.units]
+
+    def reported(self, covariance: FloatArray) -> dict[str, Parameter]:
+        a, b = self["sine"], self["cosine"]
+        size = float(np.hypot(a, b))
+        way = np.array([a, b]) / size if size else np.zeros(2)
+        spread = float(np.sqrt(max(float(way @ covariance[:2, :2] @ way), 0.0)))
+        low = max(size - 1.96 * spread, 0.0)
+        return {"amplitude": Parameter(size, "nm", (low, size + 1.96 * spread))}

@@ -1,0 +1,41 @@
+"""Time skew: the record lags, record(t) = displacement(t - delay).
+
+Physics: the interferometer's digital filter, its analog output's converter, an anti-aliasing
+filter, or channels that are sampled one after the other delay the sensor against the drive.
+
+Shows as: loops that open in proportion to the speed of the displacement, without any rounding of
+corners. A lag of the drive differs only within a few milliseconds of corners; several
+frequencies or a recorded drive monitor separate them.
+
+Plausible: 10 us to 1 ms; tens of milliseconds for buffered sensors.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import ClassVar
+
+import numpy as np
+
+from piezo_rig.causes.cause import Cause, Context
+from piezo_rig.chain.stage import Signal, Stage
+
+
+class TimeSkew(Cause):
+    """``delay`` of the record behind the displacement."""
+
+    id = "time-skew"
+    place = "acquisition"
+    needs_speeds = True
+    units: ClassVar[Mapping[str, str]] = {"delay": "s"}
+    limits: ClassVar[Mapping[str, tuple[float, float]]] = {"delay": (-1.0, 1.0)}
+
+    def act(self, signal: Signal) -> Signal:
+        if self["delay"] == 0.0 or signal.time_s.size < 2:
+            return signal
+        seen = np.interp(signal.time_s - self["delay"], signal.time_s, signal.displacement_um)
+        return signal.with_(displacement_um=seen)
+
+    @classmethod
+    def trials(cls, context: Context) -> list[Stage]:
+        return [cls.of(None, delay=max(2e-5, 0.1 * context.step_s))]

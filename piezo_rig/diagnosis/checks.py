@@ -1,0 +1,78 @@
+"""Large mistakes, named before any statistics: units, another actuator, repeats that are none."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from piezo_rig.diagnosis.groups import Groups
+from piezo_rig.diagnosis.refit import Fitted
+from piezo_rig.errors import InputError
+from piezo_rig.run_file.sweep import Sweep
+
+SWITCH = 3.99  # neighbouring positions of the sensitivity switch
+UNLIKE = 0.05  # of the travel: repeats differ by no more
+BAD = 0.3  # of the travel
+
+
+def data_warnings(groups: Groups, sweeps: Sequence[Sweep]) -> list[str]:
+    """Repeats that are not repeats."""
+    out = []
+    for g in groups.groups:
+        if g.repeats < 2:
+            continue
+        rows = g.measured_um - g.measured_um.mean(axis=1, keepdims=True)
+        middle = np.median(rows, axis=0)
+        travel = float(np.ptp(middle))
+        for members, row in zip(g.sweeps, rows, strict=True):
+            off = float(np.sqrt(np.mean((row - middle) ** 2)))
+            if off > UNLIKE * travel:
+                scale = float(row @ middle / (middle @ middle))
+                like = f"; it is {scale:.3g} times the others" if abs(scale - 1) > 0.1 else ""
+                out.append(
+                    f"repeats that are not repeats: {sweeps[members[0]].name} of condition "
+                    f"{g.condition} differs from the others by {off:.3g} um rms, "
+                    f"{100 * off / travel:.0f} % of the travel{like}"
+                )
+    return out
+
+
+def baseline_warnings(groups: Groups, fitted: Fitted) -> list[str]:
+    """A given baseline that belongs to other data.
+
+    Raises
+    ------
+    InputError : its prediction is off by a factor that no physics explains
+    """
+    if not fitted.point.fixed:
+        return []
+    scale, left, power = 0.0, 0.0, 0.0
+    for g in groups.groups:
+        p = g.predicted(fitted.point.model)
+        y = g.measured_um.mean(axis=0)
+        for a, b in g.blocks:
+            dp, dy = p[a:b] - p[a:b].mean(), y[a:b] - y[a:b].mean()
+            scale += float(dp @ dy)
+            power += float(dp @ dp)
+            left += float(dy @ dy)
+    ratio = scale / max(power, 1e-300)
+    shape = 1.0 - scale**2 / max(power * left, 1e-300)
+    for factor, words in (
+        (SWITCH, "the sensitivity switch stood one position lower than was said"),
+        (1.0 / SWITCH, "the sensitivity switch stood one position higher than was said"),
+    ):
+        if abs(ratio * factor / 1.0 - 1.0) < 0.2 and shape < 0.1:
+            raise InputError(
+                "sensitivity-factor",
+                f"the displacement is {ratio:.3g} times what the baseline model predicts",
+                "units that cannot be right, a factor near four is one step of the switch: "
+                f"{words}",
+                "read the recordings again with the right --sensitivity",
+            )
+    if not 0.5 < ratio < 2.0 or shape > BAD**2:
+        return [
+            f"the baseline predicts {1 / max(ratio, 1e-9):.3g} times the measured travel: it is "
+            "of another actuator, or the calibration differs"
+        ]
+    return []

@@ -1,0 +1,98 @@
+"""What these data cannot tell apart: d' of a finding, and the cosines with all other causes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import cholesky, solve_triangular
+
+from piezo_rig.causes import CAUSES
+from piezo_rig.causes.cause import Cause
+from piezo_rig.chain import Model
+from piezo_rig.diagnosis.climb import candidates, without
+from piezo_rig.diagnosis.likelihood import reduce
+from piezo_rig.diagnosis.refit import Fitted, covariance_of
+from piezo_rig.diagnosis.space import Space
+
+FloatArray = NDArray[np.float64]
+APART = 4.0
+
+
+@dataclass(frozen=True)
+class Confusion:
+    """Of one finding.
+
+    Attributes
+    ----------
+    d_prime : size of the finding over everything else that could be meant
+    cosine : cause -> largest cosine with what that cause can do
+    """
+
+    d_prime: float
+    cosine: dict[str, float]
+
+    @property
+    def alternatives(self) -> list[str]:
+        """Causes that the data cannot tell from the finding (design 6.4)."""
+        found = {c: self.d_prime * np.sqrt(max(1.0 - x * x, 0.0)) for c, x in self.cosine.items()}
+        return sorted((c for c, apart in found.items() if apart < APART), key=lambda c: found[c])
+
+
+def confusion(space: Space, fitted: Fitted, cause: str) -> Confusion:
+    """d' and cosines of an accepted cause about the full model.
+
+    The signature is what the model with the cause does beyond the model without it, projected
+    off everything else that was fitted; the finding's own parameters are not projected off, but
+    what its assumed law leaves open is in the covariance.
+    """
+    model = fitted.point.model
+    less = without(model, cause)
+    pairs: list[tuple[Model, Model]] = [(less, model)]
+    found, _ = candidates(space, less)
+    columns: dict[str, list[list[int]]] = {}
+    for c in found:
+        if c.id == cause or model.stage(c.id) is not None:
+            continue
+        at = len(pairs)
+        pairs += c.pairs()
+        n = len(c.trials)
+        columns[c.id] = [list(range(at + k * n, at + (k + 1) * n)) for k in range(len(c.bases))]
+    own = [fitted.point.linear + j for j, (id, _) in enumerate(fitted.point.names) if id == cause]
+    point = fitted.point
+    kind = CAUSES[cause]
+    if kind.has_elements:  # its table is the finding, not part of the base
+        at = 0
+        for stage in point.tables:
+            assert stage.elements is not None
+            if stage.id == cause:
+                own += list(range(at, at + len(stage.elements)))
+            at += len(stage.elements)
+    linear = space.linear(point, pairs)
+    reduced = reduce(linear, free=own)
+    sigma = covariance_of(reduced, fitted.scales)
+    assert issubclass(kind, Cause)
+    handed = reduced.trials[:, len(pairs) :]
+    for j, k in enumerate(own):
+        if k >= point.linear:
+            name = point.sizes[k - point.linear][1]
+            if name in kind.priors:
+                column = kind.priors[name][1] * handed[:, j]
+                sigma = sigma + np.outer(column, column)
+    lower = cholesky(sigma, lower=True)
+    white = solve_triangular(lower, reduced.trials[:, : len(pairs)], lower=True)
+    delta = white[:, 0]
+    size = float(np.sqrt(delta @ delta))
+    cosine = {}
+    for id, sets in columns.items():
+        best = 0.0
+        for chosen in sets:
+            norm = np.sqrt(np.sum(white[:, chosen] ** 2, axis=0))
+            if not np.all(norm > 0):
+                continue
+            u, s, _ = np.linalg.svd(white[:, chosen] / norm, full_matrices=False)
+            inside = u[:, s > 1e-3 * s[0]].T @ delta
+            best = max(best, float(np.sqrt(inside @ inside)) / max(size, 1e-300))
+        cosine[id] = min(best, 1.0)
+    return Confusion(size, cosine)

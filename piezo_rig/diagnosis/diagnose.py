@@ -1,0 +1,320 @@
+"""The one entrance: from sweeps to findings."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
+
+import numpy as np
+
+from piezo_rig.causes import CAUSES, named_model
+from piezo_rig.causes.cause import Cause
+from piezo_rig.chain import Model, Parameter
+from piezo_rig.diagnosis import engine
+from piezo_rig.diagnosis.checks import baseline_warnings, data_warnings
+from piezo_rig.diagnosis.climb import LEVEL, Ladder, climb, without
+from piezo_rig.diagnosis.confusion import Confusion, confusion
+from piezo_rig.diagnosis.fit import Point, starting_model
+from piezo_rig.diagnosis.follow_up import FollowUp, follow_up
+from piezo_rig.diagnosis.groups import Groups, group_tracks
+from piezo_rig.diagnosis.held_out import Errors, gain, held_out_errors
+from piezo_rig.diagnosis.hum import find_hum
+from piezo_rig.diagnosis.refit import Fitted, refit
+from piezo_rig.diagnosis.space import Space
+from piezo_rig.diagnosis.spikes import find_spikes, noise_floor_nm
+from piezo_rig.diagnosis.unexplained import Unexplained, unexplained
+from piezo_rig.identification import prepare
+from piezo_rig.run_file.sweep import Sweep
+
+Tell = Callable[[str], None]
+EVENTS = ("outliers",)  # nothing foretells them: no gain
+
+
+@dataclass(frozen=True, eq=False)
+class Finding:
+    """One accepted cause; fields as in the diagnosis JSON."""
+
+    cause: str
+    place: str
+    p_value: float
+    gain_percent: float | None
+    gain_ci95: list[float] | None
+    parameters: dict[str, Parameter]
+    alternatives: list[str]
+    d_prime: float | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Rung:
+    """One step of the ladder: what was added, and the errors with it."""
+
+    added: str
+    rms_nm: float
+    max_percent: float
+
+
+@dataclass(frozen=True, eq=False)
+class Diagnosis:
+    """Everything that a diagnosis says."""
+
+    sweeps: int
+    samples: int
+    repeats: int
+    held_out: str
+    recordings: list[tuple[str, float]]
+    baseline: str
+    rungs: list[Rung]
+    noise_floor_nm: float | None
+    findings: list[Finding]
+    unexplained: Unexplained
+    follow_up: FollowUp | None
+    model: Model
+    notes: list[str] = field(default_factory=list)
+    warnings: list[str] = field(default_factory=list)
+    refused: dict[str, str] = field(default_factory=dict)
+
+
+def diagnose(
+    sweeps: Sequence[Sweep],
+    baseline: str | Model = "classical",
+    seed: int = 0,
+    tell: Tell | None = None,
+) -> Diagnosis:
+    """What the baseline gets wrong, why, and how much better it gets.
+
+    Parameters
+    ----------
+    sweeps : recordings of one actuator
+    baseline : a named model, refitted to the data, or a model, held fixed but for offsets
+    seed : of every random number; the same data give the same answer
+
+    Raises
+    ------
+    InputError : data that cannot be diagnosed, in words
+    """
+    tell = tell or (lambda text: None)
+    rng = np.random.default_rng(seed)
+    data = prepare(sweeps, first_rises=True)
+    raw = group_tracks(data, sweeps)
+    notes = list(data.left_out)
+    warnings = data_warnings(raw, sweeps)
+    tell("baseline")
+    point = _baseline(raw, baseline)
+    flat = _plain_space(raw, point.model)
+    start = refit(flat, point)
+    warnings += baseline_warnings(raw, start)
+    tell("outliers and hum")
+    spikes = find_spikes(raw, start.point.model)
+    early: list[Finding] = []
+    stages: list[tuple[str, Groups]] = []
+    tried = 2
+    count = tried + sum(1 for k in CAUSES.values() if issubclass(k, Cause)) - 2
+    clean = raw
+    if spikes.p_value * count < LEVEL:
+        clean = spikes.groups
+        stages.append(("outliers", clean))
+        early.append(_early("outliers", spikes.p_value * count, spikes.stage().parameters))
+        start = refit(_plain_space(clean, start.point.model), start.point)
+    hum = find_hum(clean, start.point.model)
+    if hum is not None and hum.p_value * count < LEVEL:
+        clean = hum.groups
+        stages.append(("mains-hum", clean))
+        early.append(_early("mains-hum", hum.p_value * count, hum.stage().parameters))
+    tell("noise")
+    spectrum = engine.repeat_spectrum(clean)
+    if spectrum is None:
+        notes.append("no repeats: the noise is estimated from what a generous model leaves, and "
+                     "the noise floor is not known")  # fmt: skip
+        spectrum = engine.generous_spectrum(_bare_space(clean), start.point, rng)
+    space, kind = engine.space_of(clean, spectrum, start.point.model)
+    first = refit(space, start.point)
+
+    def score(fitted: Fitted) -> float:
+        return held_out_errors(clean, space.pieces, fitted, kind).rms_nm
+
+    ladder = climb(space, first, rng, tell, score, others=tried)
+    tell("held out")
+    rungs, gains = _rungs(raw, stages, clean, space, kind, start, ladder, rng, baseline)
+    findings = [
+        Finding(f.cause, f.place, f.p_value, *(gains[i] if f.cause not in EVENTS else (None, None)),
+                f.parameters, f.alternatives)
+        for i, f in enumerate(early)
+    ]  # fmt: skip
+    tell("what can be told apart")
+    last = ladder.last
+    name = baseline if isinstance(baseline, str) else (baseline.name or "given model")
+    model = final_model(last, name)
+    confused: dict[str, Confusion] = {}
+    for i, step in enumerate(ladder.steps):
+        found = confusion(space, last, step.cause)
+        confused[step.cause] = found
+        value, interval = gains[len(early) + i]
+        findings.append(Finding(
+            step.cause, CAUSES[step.cause].place, step.p_value,
+            None if kind == "none" else value, None if kind == "none" else interval,
+            parameters_of(last, step.cause, model), found.alternatives, found.d_prime,
+        ))  # fmt: skip
+    if kind == "none":
+        notes.append("too few cycles to hold anything out: figures are of the fit itself, gains "
+                     "are not given")  # fmt: skip
+    floor = noise_floor_nm(clean)
+    tell("the rest")
+    rest = unexplained(space, last, floor or rungs[-1].rms_nm, rng)
+    advice = follow_up(space, last, {c: f.alternatives for c, f in confused.items()})
+    refused = ladder.scans[-1].refused if ladder.scans else {}
+    return Diagnosis(
+        len(sweeps), sum(s.samples for s in sweeps), raw.repeats, kind,
+        recording_offsets(clean, last, sweeps), name, rungs, floor, findings, rest, advice,
+        model, notes, warnings, refused,
+    )  # fmt: skip
+
+
+def _early(cause: str, p: float, parameters: dict[str, Parameter]) -> Finding:
+    return Finding(cause, CAUSES[cause].place, min(p, 1.0), None, None, parameters, [])
+
+
+def _baseline(groups: Groups, baseline: str | Model) -> Point:
+    if isinstance(baseline, Model):
+        return Point(baseline, fixed=True)
+    kinds = named_model(baseline)
+    model = starting_model(groups, kinds, baseline)
+    sizes = []
+    for kind in kinds:
+        for name in kind.units:
+            if name == "offset":  # the table's first compliance says the same
+                continue
+            unit = (
+                0.01
+                if kind.units[name] == "1"
+                else (0.01 * model.branches().first_slope_v_per_um / groups.span_v)
+            )
+            sizes.append((kind.id, name, float(unit)))
+    return Point(model, False, tuple(sizes))
+
+
+def _bare_space(groups: Groups) -> Space:
+    from piezo_rig.diagnosis.noise import Spectrum, Whitener
+
+    white = Spectrum(np.array([1e-6, 0.5]), np.log([1e-6, 1e-6]), np.zeros(2))
+    return Space(
+        groups, engine.pieces_of(groups)[0], Whitener(white), engine.scales_of(groups), False
+    )
+
+
+def _plain_space(groups: Groups, model: Model) -> Space:
+    """A space for least squares with white noise and no dictionary."""
+    space = _bare_space(groups)
+    space.prepare(model)
+    return space
+
+
+def _rungs(
+    raw: Groups, stages: list[tuple[str, Groups]], clean: Groups, space: Space, kind: str,
+    start: Fitted, ladder: Ladder, rng: np.random.Generator, baseline: str | Model,
+) -> tuple[list[Rung], list[tuple[float | None, list[float] | None]]]:  # fmt: skip
+    """Errors of every rung, and the gain of each against the one before."""
+    name = baseline if isinstance(baseline, str) else (baseline.name or "given model")
+    errors: list[Errors] = [held_out_errors(raw, space.pieces, ladder.first, kind)]
+    names = [name]
+    for cause, groups in stages:
+        names.append(cause)
+        errors.append(held_out_errors(raw, space.pieces, ladder.first, kind, groups))
+    for step in ladder.steps:
+        names.append(step.cause)
+        errors.append(held_out_errors(clean, space.pieces, step.fitted, kind))
+    rungs = [Rung(n, e.rms_nm, e.max_percent) for n, e in zip(names, errors, strict=True)]
+    gains: list[tuple[float | None, list[float] | None]] = []
+    for before, after in pairwise(errors):
+        gains.append(gain(before, after, rng))
+    return rungs, gains
+
+
+def parameters_of(fitted: Fitted, cause: str, model: Model) -> dict[str, Parameter]:
+    """Reported parameters of an accepted cause, with the values of the final model."""
+    stage = model.stage(cause)
+    assert isinstance(stage, Cause)
+    n = len(stage.units)
+    covariance = np.zeros((n, n))
+    order = list(stage.units)
+    index = {name: j for j, (id, name) in enumerate(fitted.point.names) if id == cause}
+    for a, name in enumerate(order):
+        for b, other in enumerate(order):
+            if name in index and other in index:
+                covariance[a, b] = fitted.covariance[index[name], index[other]]
+    return stage.reported(covariance)
+
+
+def final_model(fitted: Fitted, name: str) -> Model:
+    """The extended model with intervals, the first spring's constant part in its law."""
+    model = fitted.point.model
+    for stage in model.stages:
+        if stage.units and isinstance(stage, Cause):
+            own = {}
+            for j, (id, parameter) in enumerate(fitted.point.names):
+                if id == stage.id and fitted.covariance.size:
+                    half = 1.96 * float(np.sqrt(max(fitted.covariance[j, j], 0.0)))
+                    value = stage[parameter]
+                    own[parameter] = Parameter(
+                        value, stage.units[parameter], (value - half, value + half)
+                    )
+            model = model.with_(
+                stages=tuple(
+                    type(s)(s.parameters | own, s.elements) if s.id == stage.id else s
+                    for s in model.stages
+                )
+            )
+    laws = [s for s in model.stages if "offset" in s.units]
+    table = model.maxwell.elements
+    if laws and table is not None and not fitted.point.fixed:
+        spring = float(table.k_v_per_um[0])
+        springs = table.k_v_per_um.copy()
+        springs[0] = 0.0
+        law = laws[0]
+        moved = law.parameters | {"offset": Parameter(law["offset"] + spring, law.units["offset"])}
+        maxwell = type(model.maxwell).of(type(table)(springs, table.slides_at_um))
+        model = model.with_(
+            stages=tuple(
+                maxwell
+                if s.id == "maxwell"
+                else type(s)(moved, s.elements)
+                if s.id == law.id
+                else s
+                for s in model.stages
+            )
+        )
+    return model.with_(name=f"{name} extended")
+
+
+def recording_offsets(
+    groups: Groups, fitted: Fitted, sweeps: Sequence[Sweep]
+) -> list[tuple[str, float]]:
+    """Offset of every source against the model, less that of the first one."""
+    from pathlib import Path
+
+    found: dict[str, list[float]] = {}
+    for g in groups.groups:
+        predicted = g.predicted(fitted.point.model)
+        for members, row in zip(g.sweeps, g.measured_um, strict=True):
+            sweep = sweeps[members[0]]
+            a, b = g.blocks[0]
+            # absolute: the zero that was taken off the record is put back
+            zero = sweep.polarity * sweep.zero_v * sweep.sensitivity_um_per_v
+            value = float(np.mean(row[a:b] - predicted[a:b])) + zero
+            if not g.virgin:  # where it began is not known, but the largest drive is one state
+                at = int(np.argmax(g.drive_v))
+                rise = np.array([min(0.0, float(g.drive_v.min())), float(g.drive_v[at])])
+                tip = fitted.point.model.simulate(np.array([0.0, 1.0]), rise, free_end=True)
+                value += float(predicted[at] - tip[-1])
+            source = Path(sweep.source).name or sweep.name
+            found.setdefault(source, []).append(value)
+    first = None
+    out = []
+    for name, values in found.items():
+        mean = float(np.mean(values))
+        first = mean if first is None else first
+        out.append((name, mean - first))
+    return out
+
+
+__all__ = ["Diagnosis", "Finding", "diagnose", "without"]

@@ -1,0 +1,113 @@
+"""The diagnosis as the JSON of the contract, and as text for a terminal."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from piezo_rig.chain import Parameter
+from piezo_rig.diagnosis.diagnose import Diagnosis, Finding
+
+SCHEMA = "piezo-rig/diagnosis/1"
+
+
+def document(d: Diagnosis) -> dict[str, Any]:
+    """Plain data in the contract's order."""
+    return {
+        "schema": SCHEMA,
+        "data": {
+            "sweeps": d.sweeps, "samples": d.samples, "repeats": d.repeats, "held_out": d.held_out,
+            "recordings": [{"name": n, "offset_um": _short(o)} for n, o in d.recordings],
+        },
+        "baseline": {
+            "model": d.baseline, "rms_nm": _short(d.rungs[0].rms_nm),
+            "max_percent": _short(d.rungs[0].max_percent),
+        },
+        "noise_floor_nm": _short(d.noise_floor_nm),
+        "findings": [_finding(f) for f in d.findings],
+        "extended": {
+            "rms_nm": _short(d.rungs[-1].rms_nm), "max_percent": _short(d.rungs[-1].max_percent),
+        },
+        "unexplained": {
+            "detected": d.unexplained.detected, "rms_nm": _short(d.unexplained.rms_nm),
+            "allowance_nm": _short(d.unexplained.allowance_nm),
+            "pattern": {"depends_on": d.unexplained.depends_on, "text": d.unexplained.text},
+        },
+        "follow_up": None if d.follow_up is None else {
+            "protocol": d.follow_up.protocol, "separates": d.follow_up.separates,
+        },
+        "notes": [*d.warnings, *d.notes],
+        "not_tried": dict(d.refused),
+    }  # fmt: skip
+
+
+def _finding(f: Finding) -> dict[str, Any]:
+    return {
+        "cause": f.cause, "place": f.place, "p_value": _short(f.p_value),
+        "gain_percent": _short(f.gain_percent),
+        "gain_ci95": None if f.gain_ci95 is None else [_short(x) for x in f.gain_ci95],
+        "parameters": {
+            n: {"value": _short(p.value), "unit": p.unit,
+                "ci95": None if p.ci95 is None else [_short(x) for x in p.ci95]}
+            for n, p in f.parameters.items()
+        },
+        "alternatives": f.alternatives,
+    }  # fmt: skip
+
+
+def _short(x: float | None) -> float | None:
+    return None if x is None else float(f"{x:.6g}")
+
+
+def text(d: Diagnosis) -> list[str]:
+    """Lines for a technician."""
+    lines = [f"warning   {w}" for w in d.warnings] + [f"note      {n}" for n in d.notes]
+    lines.append(
+        f"data      {d.sweeps} sweeps, {d.samples} samples, up to {d.repeats} repeats; "
+        + ("nothing held out" if d.held_out == "none" else f"held out by {d.held_out}")
+    )
+    for name, offset in d.recordings if len(d.recordings) > 1 else []:
+        lines.append(f"          {name}: offset {offset:+.3f} um")
+    floor = "not known (no repeats)" if d.noise_floor_nm is None else f"{d.noise_floor_nm:.2f} nm"
+    lines += [f"noise     {floor}", "", "the ladder                     rms nm   max %     gain"]
+    gains: list[Finding | None] = [None, *d.findings]
+    for rung, finding in zip(d.rungs, gains, strict=True):
+        label = rung.added if finding is None else f"+ {rung.added}"
+        line = f"  {label:<26}{rung.rms_nm:9.2f}{rung.max_percent:8.2f}"
+        if finding is not None and finding.gain_percent is not None and finding.gain_ci95:
+            low, high = finding.gain_ci95
+            line += f"{finding.gain_percent:8.1f} %  [{low:.1f}, {high:.1f}]"
+        lines.append(line)
+    lines.append("")
+    if not d.findings:
+        lines.append("findings  none: the baseline says all that these data can show")
+    for finding in d.findings:
+        lines.append(
+            f"finding   {finding.cause} ({finding.place}), "
+            f"chance of a false alarm {finding.p_value:.2g}"
+        )
+        for name, p in finding.parameters.items():
+            lines.append(f"          {name} = {_number(p)}")
+        if finding.alternatives:
+            lines.append(f"          cannot be told from: {', '.join(finding.alternatives)}")
+    for cause, reason in d.refused.items():
+        lines.append(f"not tried {cause}: {reason}")
+    u = d.unexplained
+    if u.detected:
+        lines.append(f"unexplained  {u.text}")
+    else:
+        lines.append(
+            f"the rest  nothing that stands out: {u.rms_nm:.2g} nm of structure, "
+            f"{u.allowance_nm:.2g} nm allowed"
+        )
+    if d.follow_up is not None:
+        lines.append(
+            f"next      play {d.follow_up.protocol}: it separates "
+            f"{' from '.join(d.follow_up.separates)}"
+        )
+    return lines
+
+
+def _number(p: Parameter) -> str:
+    unit = "" if p.unit == "1" else f" {p.unit}"
+    interval = f"  [{p.ci95[0]:.4g}, {p.ci95[1]:.4g}]" if p.ci95 else ""
+    return f"{p.value:.4g}{unit}{interval}"

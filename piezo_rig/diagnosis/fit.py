@@ -1,0 +1,162 @@
+"""A model as a point in parameter space: its free numbers, its tangent, its refit.
+
+The free numbers are the compliances of the element tables at fixed break points, and the
+parameters of all other stages. The tangent is taken by finite differences of the simulation, so
+that whatever `simulate` can play can be refitted; nothing here knows a cause by name.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from piezo_rig.causes.cause import Cause
+from piezo_rig.chain import Elements, Maxwell, Model, Stage
+from piezo_rig.diagnosis.groups import Group, Groups
+
+FloatArray = NDArray[np.float64]
+ELEMENTS = 40
+FLOOR = 1e-3  # of the mean compliance
+STEP = 0.02  # finite differences of stage parameters, in examples
+
+
+@dataclass(frozen=True, eq=False)
+class Point:
+    """A model and which of its numbers are free.
+
+    Attributes
+    ----------
+    model : the stages
+    fixed : nothing is free (a given model file); offsets always are
+    sizes : (stage id, parameter) -> the size of one example, for finite differences
+    """
+
+    model: Model
+    fixed: bool = False
+    sizes: tuple[tuple[str, str, float], ...] = ()
+
+    @property
+    def tables(self) -> list[Stage]:
+        return [] if self.fixed else [s for s in self.model.stages if s.elements is not None]
+
+    @property
+    def linear(self) -> int:
+        """How many compliances are free."""
+        return sum(len(s.elements) for s in self.tables if s.elements is not None)
+
+    @property
+    def names(self) -> list[tuple[str, str]]:
+        """Free stage parameters."""
+        return [(stage, name) for stage, name, _ in self.sizes]
+
+    def values(self) -> FloatArray:
+        """All free numbers: compliances of every table, then stage parameters."""
+        parts = [1.0 / s.elements.slopes for s in self.tables if s.elements is not None]
+        own = [self._stage(i)[n] for i, n in self.names]
+        return np.concatenate([*parts, own])
+
+    def _stage(self, id: str) -> Stage:
+        stage = self.model.stage(id)
+        assert stage is not None
+        return stage
+
+    def moved(self, values: FloatArray) -> Point:
+        """The same point with other numbers; compliances stay positive, parameters in limits."""
+        model, at = self.model, 0
+        for stage in self.tables:
+            assert stage.elements is not None
+            n = len(stage.elements)
+            c = values[at : at + n]
+            c = np.maximum(c, FLOOR * float(np.mean(np.abs(c))))
+            model = _replaced(
+                model, type(stage)(stage.parameters, Elements.from_curve(stage.elements.knots_v, c))
+            )
+            at += n
+        for (id, name), value in zip(self.names, values[at:], strict=True):
+            own = model.stage(id)
+            assert own is not None
+            if isinstance(own, Cause) and name in own.limits:
+                value = float(np.clip(value, *own.limits[name]))
+            model = _replaced(model, own.with_values(**{name: float(value)}))
+        return Point(model, self.fixed, self.sizes)
+
+    @cached_property
+    def neighbours(self) -> list[tuple[Model, float]]:
+        """For every free number a model a little to its side, and how far."""
+        values, out = self.values(), []
+        for j in range(values.size):
+            if j < self.linear:
+                step = 1e-3 * float(np.mean(np.abs(values[: self.linear])))
+            else:
+                step = STEP * self.sizes[j - self.linear][2]
+            there = values.copy()
+            there[j] += step
+            point = self.moved(there)
+            moved = point.values()[j]
+            if moved == values[j]:  # at a limit
+                there[j] = values[j] - step
+                point, moved = self.moved(there), there[j]
+            out.append((point.model, float(moved - values[j])))
+        return out
+
+    def tangent(self, group: Group) -> tuple[FloatArray, FloatArray]:
+        """Prediction (n,) and its derivative by all free numbers (p, n), at full rate."""
+        base = group.predicted(self.model)
+        out = np.empty((len(self.neighbours), base.size))
+        for j, (model, step) in enumerate(self.neighbours):
+            np.subtract(group.predicted(model), base, out=out[j])
+            out[j] /= step
+        return base, out
+
+
+def _replaced(model: Model, stage: Stage) -> Model:
+    return model.with_(stages=tuple(stage if s.id == stage.id else s for s in model.stages))
+
+
+def starting_model(groups: Groups, kinds: tuple[type[Stage], ...], name: str) -> Model:
+    """A Maxwell model with evenly spaced elements and the stages given, roughly sized."""
+    virgin = [float(np.max(np.abs(g.drive_v - g.drive_v[0]))) for g in groups.groups if g.virgin]
+    later = max(
+        (float(np.max(np.abs(g.drive_v[g.loops.stop[1:]] - g.drive_v[g.loops.start[1:]])))
+         for g in groups.groups if len(g.loops) > 1), default=groups.span_v,
+    )  # fmt: skip
+    reach = max([later / 2.0, *virgin])
+    c = groups.travel_um / reach
+    count = ELEMENTS
+    if any(k.has_elements for k in kinds):
+        table = _even(later / 2.0 * 1.0001, count, c)
+        stages: list[Stage] = [Maxwell.of(table)]
+        for kind in kinds:
+            if kind.has_elements:
+                stages.append(kind.of(_even((max(virgin) if virgin else reach) * 1.0001, count, c)))
+    else:
+        stages = [Maxwell.of(_even(reach * 1.0001, count, c))]
+    model = Model(tuple(stages), {}, name)
+    for kind in kinds:
+        if not kind.has_elements:
+            model = model.with_stage(
+                kind.of(None, **{n: kind.neutral.get(n, 0.0) for n in kind.units})
+            )
+    return model
+
+
+def _even(reach: float, count: int, compliance: float) -> Elements:
+    knots = reach * np.arange(1, count + 1) / count
+    return Elements.from_curve(knots, np.full(count, compliance))
+
+
+def smoothness(point: Point) -> FloatArray:
+    """Second differences of the compliances of every table, as rows over all free numbers."""
+    rows, at, size = [], 0, point.values().size
+    for stage in point.tables:
+        assert stage.elements is not None
+        n = len(stage.elements)
+        for k in range(1, n - 1):
+            row = np.zeros(size)
+            row[at + k - 1 : at + k + 2] = (1.0, -2.0, 1.0)
+            rows.append(row)
+        at += n
+    return np.array(rows).reshape(-1, size)

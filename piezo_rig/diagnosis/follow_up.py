@@ -1,0 +1,120 @@
+"""What to play next: the shipped protocol under which a confused set is told apart best."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from piezo_rig.causes import CAUSES
+from piezo_rig.causes.cause import Cause, Context
+from piezo_rig.chain import half_loops
+from piezo_rig.config import DEFAULT_RIG, load_rig
+from piezo_rig.diagnosis.climb import context_of, without
+from piezo_rig.diagnosis.groups import Group
+from piezo_rig.diagnosis.refit import Fitted
+from piezo_rig.diagnosis.space import Space
+from piezo_rig.errors import PiezoRigError
+from piezo_rig.protocol import build_plan, load_protocol
+from piezo_rig.resources import shipped_names
+
+FloatArray = NDArray[np.float64]
+THIN = 25
+
+
+@dataclass(frozen=True)
+class FollowUp:
+    """The protocol, which causes it separates, and the predicted cosine under it."""
+
+    protocol: str
+    separates: list[str]
+    cosine: float
+
+
+def follow_up(space: Space, fitted: Fitted, alternatives: dict[str, list[str]]) -> FollowUp | None:
+    """None when nothing is confounded."""
+    confused = {c: a for c, a in alternatives.items() if a}
+    if not confused:
+        return None
+    cause = max(confused, key=lambda c: len(confused[c]))
+    rivals = confused[cause]
+    context = context_of(space, fitted.point.model)
+    best: FollowUp | None = None
+    for name in shipped_names("protocols"):
+        try:
+            groups = _played(name, space)
+        except PiezoRigError:
+            continue
+        if not groups:
+            continue
+        worst = max(_cosine(groups, fitted, cause, rival, context) for rival in rivals)
+        if best is None or worst < best.cosine - 1e-6:
+            best = FollowUp(name, [cause, *rivals], worst)
+    return best
+
+
+def _played(name: str, space: Space) -> list[Group]:
+    """The drives of a protocol, scaled to the data's own range."""
+    from piezo_rig.resources import find
+
+    plan = build_plan(load_protocol(find("protocols", name)), load_rig(DEFAULT_RIG))
+    top = max(float(w.drive_v.max()) for _, w in plan.conditions())
+    if top <= 0:
+        return []
+    out = []
+    for condition, wave in plan.conditions():
+        drive = space.scales.low_v + space.scales.span_v * wave.drive_v / top
+        step = max(1, drive.size // 20_000)
+        drive = np.ascontiguousarray(drive[::step])
+        time = np.arange(drive.size) * step / plan.sample_rate
+        if np.ptp(drive) == 0:
+            continue
+        out.append(Group(
+            time, drive, np.zeros((1, drive.size)), np.zeros(1), "virgin", ((0, drive.size),),
+            half_loops(drive), condition.name, ((0,),),
+        ))  # fmt: skip
+    return out
+
+
+def _cosine(groups: list[Group], fitted: Fitted, cause: str, rival: str, context: Context) -> float:
+    """Cosine of two causes' signatures, every tenth of the base's tangent projected off."""
+    model = fitted.point.model
+    less = without(model, cause)
+    kind = CAUSES[rival]
+    assert issubclass(kind, Cause)
+    trials = kind.trials(Context(
+        less, context.travel_um, context.span_v, context.slews_v_per_s, context.step_s,
+        context.duration_s,
+    ))  # fmt: skip
+    base, delta, other = [], [], []
+    for g in groups:
+        plain = g.predicted(less)
+        delta.append(_cut(g.predicted(model) - plain))
+        other.append(np.array([_cut(g.predicted(less.with_stage(t)) - plain) for t in trials]))
+        base.append(_base(g))
+    b, d, o = np.concatenate(base, 1), np.concatenate(delta), np.concatenate(other, 1)
+    q, s, _ = np.linalg.svd(b.T, full_matrices=False)
+    q = q[:, s > 1e-8 * s[0]]
+    d = d - q @ (q.T @ d)
+    o = o.T - q @ (q.T @ o.T)
+    size = float(np.sqrt(d @ d))
+    if size < 1e-9:
+        return 1.0
+    norm = np.sqrt(np.sum(o**2, axis=0))
+    u, s, _ = np.linalg.svd(o / np.where(norm > 0, norm, 1.0), full_matrices=False)
+    inside = u[:, s > 1e-3 * max(s[0], 1e-300)].T @ d
+    return float(np.sqrt(inside @ inside)) / size
+
+
+def _cut(values: FloatArray) -> FloatArray:
+    cut = values[: values.size // THIN * THIN].reshape(-1, THIN).mean(axis=1)
+    return cut - cut.mean()
+
+
+def _base(group: Group) -> FloatArray:
+    from piezo_rig.diagnosis.dictionary import _plays
+
+    half = 0.5 * float(np.ptp(group.drive_v))
+    r = half * np.arange(0, 25) / 25.0
+    return np.array([_cut(x) for x in _plays(group.drive_v, r)])

@@ -1,0 +1,193 @@
+"""The data as a diagnosis sees them: repeats of one drive together, and what is averaged how.
+
+A *group* is one drive with one history, and every recording of it. Drive-locked effects are
+sought in the mean over the group, clock-locked ones in the single recordings. The mean is thinned
+by averaging blocks of samples, the same for measurement and prediction, so that nothing is lost
+but what lies above the thinned rate.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from piezo_rig.causes.cause import added_by
+from piezo_rig.chain import HalfLoops, Model
+from piezo_rig.errors import InputError
+from piezo_rig.identification.data import Data, Track
+from piezo_rig.run_file.sweep import Sweep
+
+FloatArray = NDArray[np.float64]
+ENOUGH = 40_000  # thinned samples in all
+SAME_DRIVE = 0.01  # rms difference, of the drive's range
+SLOWEST = 450.0  # samples per second that thinning leaves at least, where there are as many
+
+
+@dataclass(frozen=True, eq=False)
+class Group:
+    """One drive with one history, recorded once or several times.
+
+    Attributes
+    ----------
+    time_s, drive_v : shape (n,)
+    measured_um : shape (R, n), one row per recording
+    starts_s : shape (R,), when each began
+    history : as `Model.simulate` takes it
+    blocks : (first, one past last) sample of stretches with one free offset and a known memory
+    loops : its half loops
+    condition : its name
+    sweeps : for every recording the indices of its sweeps
+    """
+
+    time_s: FloatArray
+    drive_v: FloatArray
+    measured_um: FloatArray
+    starts_s: FloatArray
+    history: str
+    blocks: tuple[tuple[int, int], ...]
+    loops: HalfLoops
+    condition: str
+    sweeps: tuple[tuple[int, ...], ...]
+
+    @property
+    def repeats(self) -> int:
+        return int(self.measured_um.shape[0])
+
+    @property
+    def virgin(self) -> bool:
+        return self.history == "virgin"
+
+    def predicted(self, model: Model) -> FloatArray:
+        """What the sensor would show, clock-locked stages of the model included; shape (n,)."""
+        moved = model.simulate(self.time_s, self.drive_v, self.history)
+        for stage in model.stages:
+            if stage.locked_to == "clock":
+                moved = moved + added_by(stage, self.time_s, self.drive_v)
+        return moved
+
+    def with_measured(self, measured_um: FloatArray) -> Group:
+        return replace(self, measured_um=measured_um)
+
+
+@dataclass(frozen=True, eq=False)
+class Groups:
+    """All groups, and the factor by which they are thinned."""
+
+    groups: tuple[Group, ...]
+    rate: float
+    factor: int
+
+    @property
+    def thinned_rate(self) -> float:
+        return self.rate / self.factor
+
+    @property
+    def repeats(self) -> int:
+        return max(g.repeats for g in self.groups)
+
+    @property
+    def travel_um(self) -> float:
+        return max(float(np.ptp(g.measured_um[0, a:b])) for g in self.groups for a, b in g.blocks)
+
+    @property
+    def span_v(self) -> float:
+        return max(float(np.ptp(g.drive_v)) for g in self.groups)
+
+    @property
+    def has_first_rise(self) -> bool:
+        return any(g.virgin for g in self.groups)
+
+    def with_(self, groups: Sequence[Group]) -> Groups:
+        return replace(self, groups=tuple(groups))
+
+    def edges(self, group: Group) -> list[tuple[int, int]]:
+        """Blocks of a thinned group: (first, one past last) thinned sample."""
+        out, at = [], 0
+        for a, b in group.blocks:
+            n = (b - a) // self.factor
+            out.append((at, at + n))
+            at += n
+        return out
+
+    def thinned(self, group: Group, values: FloatArray) -> FloatArray:
+        """Block averages of values (..., n) over the group's blocks, shape (..., m)."""
+        parts = []
+        for a, b in group.blocks:
+            n = (b - a) // self.factor
+            cut = values[..., a : a + n * self.factor]
+            if self.factor > 1:
+                cut = cut.reshape(*values.shape[:-1], n, self.factor).mean(axis=-1)
+            parts.append(cut)
+        return np.concatenate(parts, axis=-1)
+
+
+def group_tracks(data: Data, sweeps: Sequence[Sweep]) -> Groups:
+    """Tracks of identification, repeats together.
+
+    Raises
+    ------
+    InputError : sampling rates that differ
+    """
+    rates = {round(s.sample_rate, 6) for s in sweeps}
+    if max(rates) > 1.02 * min(rates):
+        raise InputError(
+            "rates-disagree",
+            f"sampled at {min(rates):g} and {max(rates):g} per second",
+            "recordings with different settings of the digitizer",
+            "diagnose them apart",
+        )
+    rate = float(np.median([s.sample_rate for s in sweeps]))
+    found: list[list[Track]] = []
+    for track in data.tracks:
+        for members in found:
+            if _same(members[0], track, sweeps):
+                members.append(track)
+                break
+        else:
+            found.append([track])
+    groups = tuple(_group(members, sweeps, data) for members in found)
+    total = sum(b - a for g in groups for a, b in g.blocks)
+    factor = int(np.clip(np.ceil(total / ENOUGH), 1, max(1, rate / SLOWEST)))
+    return Groups(groups, rate, factor)
+
+
+def _same(a: Track, b: Track, sweeps: Sequence[Sweep]) -> bool:
+    if a.virgin != b.virgin or len(a.sweeps) != len(b.sweeps):
+        return False
+    named = [
+        (sweeps[i].condition, sweeps[j].condition) for i, j in zip(a.sweeps, b.sweeps, strict=True)
+    ]
+    if any(x and y and x != y for x, y in named):
+        return False
+    if abs(a.drive_v.size - b.drive_v.size) > 0.001 * a.drive_v.size:
+        return False
+    n = min(a.drive_v.size, b.drive_v.size)
+    difference = a.drive_v[:n] - b.drive_v[:n]
+    return bool(np.sqrt(np.mean(difference**2)) < SAME_DRIVE * np.ptp(a.drive_v))
+
+
+def _group(members: list[Track], sweeps: Sequence[Sweep], data: Data) -> Group:
+    n = min(t.drive_v.size for t in members)
+    first = members[0]
+    time = np.concatenate([
+        sweeps[i].time_s + (sweeps[i].start_time - sweeps[first.sweeps[0]].start_time)
+        for i in first.sweeps
+    ])  # fmt: skip
+    if np.any(np.diff(time) <= 0):  # clocks of carried sweeps that do not fit together
+        time = np.arange(time.size) / sweeps[first.sweeps[0]].sample_rate
+    blocks = tuple((a, min(b, n)) for a, b in first.blocks if min(b, n) - a >= 8)
+    drive = np.mean([t.drive_v[:n] for t in members], axis=0)
+    return Group(
+        time_s=time[:n],
+        drive_v=drive if len(members) > 1 else first.drive_v,
+        measured_um=np.array([t.displacement_um[:n] for t in members]),
+        starts_s=np.array([sweeps[t.sweeps[0]].start_time for t in members]),
+        history="virgin" if first.virgin else "unknown",
+        blocks=blocks,
+        loops=first.loops,
+        condition=" + ".join(data.conditions[i] for i in first.sweeps[:3]),
+        sweeps=tuple(t.sweeps for t in members),
+    )

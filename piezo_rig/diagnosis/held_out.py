@@ -1,0 +1,153 @@
+"""How good every rung is on data that it never saw, and how much of that a finding brought.
+
+Every fold is refitted from the Gram matrices about the full fit, then simulated and compared with
+the raw recordings at full rate. Each block of a recording has its own free offset.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from piezo_rig.diagnosis.fit import Point
+from piezo_rig.diagnosis.groups import Groups
+from piezo_rig.diagnosis.refit import Fitted, element_step, parameter_step
+from piezo_rig.diagnosis.space import Piece
+from piezo_rig.errors import InputError
+
+FloatArray = NDArray[np.float64]
+FOLDS = 12
+DRAWS = 2000
+FEW, CHUNKS = 6, 10  # fewer recordings than this are cut into chunks for the interval
+FAR = 3.0  # standard errors that a fold may move a parameter
+
+
+@dataclass(frozen=True, eq=False)
+class Errors:
+    """Squared errors of every recording, in the same order for every rung.
+
+    Attributes
+    ----------
+    square, count : shape (r,), um^2 summed over samples, and samples
+    group : shape (r,), which group each belongs to
+    max_percent : largest error in percent of its recording's travel
+    """
+
+    square: FloatArray
+    count: FloatArray
+    group: NDArray[np.int64]
+    max_percent: float
+
+    @property
+    def rms_nm(self) -> float:
+        return 1e3 * float(np.sqrt(self.square.sum() / self.count.sum()))
+
+
+def held_out_errors(
+    groups: Groups,
+    pieces: Sequence[Piece],
+    fitted: Fitted,
+    kind: str,
+    measured: Groups | None = None,
+) -> Errors:
+    """Errors of one rung on what its refits did not see; in the fit itself where kind is none.
+
+    ``measured`` : other recordings of the same groups to score on
+    """
+    point = fitted.point
+    folds = sorted({p.fold for p in pieces})
+    plan: list[tuple[list[int], list[int]]] = []
+    if kind == "cycles":
+        plan.append(([i for i, p in enumerate(pieces) if p.fold == 0],
+                     [i for i, p in enumerate(pieces) if p.fold == 1]))  # fmt: skip
+    elif kind == "none" or point.fixed:
+        every = list(range(len(pieces)))
+        plan.append((every, every))
+    else:
+        joined = [folds[k::FOLDS] for k in range(min(FOLDS, len(folds)))]
+        for out in joined:
+            plan.append(([i for i, p in enumerate(pieces) if p.fold not in out],
+                         [i for i, p in enumerate(pieces) if p.fold in out]))  # fmt: skip
+    squares: dict[tuple[int, int, int], list[float]] = {}
+    few = sum(g.repeats for g in groups.groups) < FEW
+    worst = 0.0
+    for train, held in plan:
+        model = refold(point, fitted, train if len(train) < len(pieces) else None).model
+        for g in sorted({pieces[i].group for i in held}):
+            group = (measured or groups).groups[g]
+            try:
+                predicted = group.predicted(model)
+            except InputError:
+                predicted = group.predicted(point.model)
+            begin = 0
+            if kind == "cycles":
+                begin = min(pieces[i].begin for i in held) * groups.factor + group.blocks[0][0]
+            for r, row in enumerate(group.measured_um):
+                for a, b in group.blocks:
+                    if b - max(a, begin) < 8:
+                        continue
+                    error = row[a:b] - predicted[a:b]
+                    error = error - error.mean()
+                    cut = error[max(a, begin) - a :]
+                    for c, part in enumerate(np.array_split(cut, CHUNKS if few else 1)):
+                        at = squares.setdefault((g, r, c), [0.0, 0.0])
+                        at[0] += float(part @ part)
+                        at[1] += part.size
+                    travel = float(np.ptp(row[a:b]))
+                    worst = max(worst, 100.0 * float(np.max(np.abs(cut))) / max(travel, 1e-12))
+    keys = sorted(squares)
+    values = np.array([squares[k] for k in keys])
+    return Errors(
+        values[:, 0],
+        values[:, 1],
+        np.array([k[0] * (CHUNKS if few else 1) + k[2] for k in keys]),
+        worst,
+    )
+
+
+def refold(point: Point, fitted: Fitted, train: Sequence[int] | None) -> Point:
+    """The point refitted on some of the pieces, from the Gram matrices about the full fit."""
+    if train is None or point.fixed:
+        return point
+    n = point.linear
+    change = np.zeros(len(point.sizes))
+    if change.size:
+        change, _ = parameter_step(point, fitted.linear, fitted.scales, train)
+        spread = np.sqrt(np.diag(fitted.covariance))
+        size = np.array([s for _, _, s in point.sizes])
+        change = np.clip(change, -10.0 * FAR * spread, 10.0 * FAR * spread)
+        change = np.clip(change, -100.0 * size, 100.0 * size)
+    values = point.values()
+    values[n:] += change
+    values[:n] += element_step(point, fitted.linear, train, change)
+    return point.moved(values)
+
+
+def gain(before: Errors, after: Errors, rng: np.random.Generator) -> tuple[float, list[float]]:
+    """Relative fall of the rms in percent, with a 95 % interval.
+
+    Repeats are drawn within their group where there are repeats (what a new recording of the
+    same conditions would show), else whatever was held out. The spread counts twice, for the
+    recordings that gave the figure and for the new ones that would check it.
+    """
+    value = 100.0 * (1.0 - after.rms_nm / max(before.rms_nm, 1e-12))
+    members = [np.flatnonzero(before.group == g) for g in np.unique(before.group)]
+    repeated = all(m.size > 1 for m in members)
+    drawn = np.empty(DRAWS)
+    for k in range(DRAWS):
+        if repeated:
+            pick = np.concatenate([rng.choice(m, m.size) for m in members])
+        else:
+            pick = np.concatenate(
+                [members[i] for i in rng.integers(len(members), size=len(members))]
+            )
+        ratio = after.square[pick].sum() / max(before.square[pick].sum(), 1e-300)
+        drawn[k] = 100.0 * (1.0 - np.sqrt(ratio))
+    inflate = np.sqrt(2.0)
+    if repeated:
+        inflate *= np.sqrt(np.mean([m.size / (m.size - 1.0) for m in members]))
+    low, high = np.percentile(drawn, [2.5, 97.5])
+    return value, [value - inflate * (value - low), min(value + inflate * (high - value), 100.0)]

@@ -1,0 +1,175 @@
+"""Mains hum: lines at 50 or 60 Hz and odd harmonics, sought in single recordings at full rate.
+
+With repeats the lines are sought in what repeats disagree by: whatever is locked to the drive is
+the same in all of them, also where a 2 Hz drive has a harmonic at 50 Hz itself. Without repeats
+they are sought in the residual, against the drive's own neighbouring harmonics.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import fft, stats
+
+from piezo_rig.causes import CAUSES
+from piezo_rig.causes.mains_hum import FUNDAMENTALS_HZ, ORDERS
+from piezo_rig.chain import Model, Parameter, Stage
+from piezo_rig.diagnosis.groups import Group, Groups
+
+FloatArray = NDArray[np.float64]
+OFF_HZ = np.linspace(-0.2, 0.2, 5)
+AROUND = np.concatenate([-np.arange(4, 14), np.arange(4, 14)])  # resolution cells of the background
+PADDED = 8
+LONG_S = 0.3  # a recording must last this long
+
+
+@dataclass(frozen=True, eq=False)
+class Hum:
+    """What was found, and the recordings without it."""
+
+    groups: Groups
+    p_value: float
+    frequency: float
+    amplitude_nm: float
+    error_nm: float
+    resolution_hz: float
+
+    def stage(self) -> Stage:
+        half = 1.96 * self.error_nm
+        f = 1.96 * self.resolution_hz
+        return CAUSES["mains-hum"](
+            {
+                "frequency": Parameter(
+                    self.frequency, "Hz", (self.frequency - f, self.frequency + f)
+                ),
+                "amplitude": Parameter(
+                    self.amplitude_nm,
+                    "nm",
+                    (max(self.amplitude_nm - half, 0.0), self.amplitude_nm + half),
+                ),
+            }
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class _Row:
+    time_s: FloatArray  # of the shared clock
+    values: FloatArray
+    share: float  # of a single recording's noise power that is left in the values
+    comb_hz: float  # of the drive
+
+    @cached_property
+    def _spectrum(self) -> tuple[float, FloatArray]:
+        """Step in Hz, and squared peak amplitudes of a Hann-windowed, zero-padded transform."""
+        n = self.values.size
+        window = np.sin(np.pi * (np.arange(n) + 0.5) / n) ** 2
+        size = int(fft.next_fast_len(PADDED * n, real=True))
+        line = 2.0 * fft.rfft((self.values - self.values.mean()) * window, size) / window.sum()
+        step = (n - 1) / float(self.time_s[-1] - self.time_s[0]) / size
+        return step, np.abs(line) ** 2
+
+    def power(self, f: FloatArray | float) -> FloatArray:
+        """Squared peak amplitude at the frequencies, um^2."""
+        step, power = self._spectrum
+        return power[np.clip(np.rint(np.asarray(f) / step).astype(int), 0, power.size - 1)]
+
+
+def find_hum(groups: Groups, model: Model) -> Hum | None:
+    """The most significant line of the two mains frequencies; None where nothing can be sought."""
+    rows = _rows(groups, model)
+    rows = [r for r in rows if r.time_s[-1] - r.time_s[0] > LONG_S]
+    nyquist = 0.45 * groups.rate
+    if not rows or nyquist < min(FUNDAMENTALS_HZ):
+        return None
+    best: tuple[float, float] | None = None
+    for fundamental in FUNDAMENTALS_HZ:
+        orders = [k for k in ORDERS if k * fundamental < nyquist]
+        if not orders:
+            continue
+        for off in OFF_HZ:
+            f = fundamental + off
+            ratios, freedom = [], 0.0
+            for k in orders:
+                signal, background, freedom = _line(rows, k * f)
+                ratios.append(signal / max(background, 1e-300))
+            lone = float(stats.f.sf(ratios[0], freedom, 10 * freedom))
+            joint = float(
+                stats.f.sf(np.mean(ratios), freedom * len(orders), 10 * freedom * len(orders))
+            )
+            p = max(1e-300, 2.0 * min(lone, joint) * len(OFF_HZ) * len(FUNDAMENTALS_HZ))
+            if best is None or p < best[0]:
+                best = (p, f)
+    assert best is not None
+    fine = best[1] + np.arange(-25, 26) * 0.01
+    power = [sum(_line(rows, k * f)[0] for k in (1, 3) if k * f < nyquist) for f in fine]
+    best = (best[0], float(fine[int(np.argmax(power))]))
+    return _removed(groups, model, best[1], best[0])
+
+
+def _rows(groups: Groups, model: Model) -> list[_Row]:
+    out = []
+    repeated = groups.repeats > 1
+    for g in groups.groups:
+        if repeated and g.repeats < 2:
+            continue
+        reference = g.measured_um.mean(axis=0) if repeated else g.predicted(model)
+        share = (g.repeats - 1) / g.repeats if repeated else 1.0
+        for start, row in zip(g.starts_s, g.measured_um, strict=True):
+            out.append(_Row(g.time_s + start, row - reference, share, _comb(g)))
+    return out
+
+
+def _comb(group: Group) -> float:
+    seconds = np.diff(group.time_s[group.loops.start])
+    return 0.5 / float(np.median(seconds)) if seconds.size else 0.0
+
+
+def _line(rows: list[_Row], f: float) -> tuple[float, float, float]:
+    """Power at a line, power around it, and degrees of freedom; summed over recordings."""
+    signal = background = freedom = 0.0
+    for row in rows:
+        cell = 1.0 / float(row.time_s[-1] - row.time_s[0])
+        signal += float(row.power(f))
+        level = float(np.mean(row.power(f + AROUND * cell)))
+        if row.share == 1.0 and row.comb_hz > 2.0 * cell:
+            comb = row.power(f + np.array([-4, -2, 2, 4]) * row.comb_hz)
+            level = max(level, 2.0 * float(np.max(comb)))
+        background += level
+        freedom += 2.0 * row.share
+    return signal, background, freedom
+
+
+def _removed(groups: Groups, model: Model, f: float, p: float) -> Hum:
+    """The lines fitted and subtracted, one phase per recording."""
+    orders = [k for k in ORDERS if k * f < 0.45 * groups.rate]
+    cleaned, powers, errors = [], [], []
+    longest = 0.0
+    for g in groups.groups:
+        predicted = g.predicted(model)
+        mean = g.measured_um.mean(axis=0)
+        rows = []
+        for row in g.measured_um:
+            reference = mean if g.repeats > 2 else predicted
+            angle = 2.0 * np.pi * f * g.time_s
+            columns = np.array([fn(k * angle) for k in orders for fn in (np.sin, np.cos)])
+            # against the model's residual, so that what all repeats share is taken out as well
+            values = row - predicted
+            shares = np.linalg.lstsq(columns.T, values - values.mean(), rcond=None)[0]
+            rows.append(row - shares @ columns)
+            power = float(shares[0] ** 2 + shares[1] ** 2)
+            cell = 1.0 / float(g.time_s[-1] - g.time_s[0])
+            longest = max(longest, 1.0 / cell)
+            around = _Row(g.time_s, row - reference, 1.0, 0.0).power(f + AROUND * cell)
+            noise = float(np.mean(around)) / 1.5  # a Hann window widens the band by 3/2
+            powers.append(power - noise)
+            errors.append(noise)
+        cleaned.append(g.with_measured(np.array(rows)))
+    size = float(np.sqrt(max(float(np.mean(powers)), 1e-18)))
+    n = len(powers)
+    spread = np.std(powers, ddof=1) / (2.0 * size) if n > 1 else np.sqrt(errors[0] / 2.0)
+    error = max(float(spread), float(np.sqrt(np.mean(errors) / 2.0))) / np.sqrt(n)
+    resolution = 0.3 / longest / np.sqrt(n)
+    return Hum(groups.with_(cleaned), p, f, 1e3 * size, 1e3 * error, resolution)

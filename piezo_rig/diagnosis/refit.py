@@ -1,0 +1,160 @@
+"""Refits: elements by least squares, stage parameters by generalised least squares.
+
+Elements are fitted for prediction, with equal weights. Parameters of causes are fitted in the
+whitened space, with everything that the base, the fine thresholds and the dictionary could
+explain left open, so that their intervals hold although the base is never exact.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import cho_factor, cho_solve
+
+from piezo_rig.causes.cause import Cause
+from piezo_rig.chain import Stage
+from piezo_rig.diagnosis.fit import Point, smoothness
+from piezo_rig.diagnosis.likelihood import Likelihood, Reduced, reduce
+from piezo_rig.diagnosis.space import Linear, Space
+
+FloatArray = NDArray[np.float64]
+STEPS = 5
+SETTLED = 0.05  # standard errors
+BEND = 0.05  # plausible second difference of compliances, of their mean
+TOGETHER = 50.0  # samples that count as one, for the weight of that
+
+
+@dataclass(frozen=True, eq=False)
+class Fitted:
+    """A refitted point.
+
+    Attributes
+    ----------
+    point, linear : the point and the Gram matrices about it
+    covariance : of the stage parameters, shape (q, q)
+    scales : variances of fine thresholds and dictionary
+    """
+
+    point: Point
+    linear: Linear
+    covariance: FloatArray
+    scales: tuple[float, float]
+
+
+def element_step(
+    point: Point, linear: Linear, pieces: Sequence[int] | None, moved: FloatArray
+) -> FloatArray:
+    """Change (p,) of the compliances once stage parameters have moved by ``moved`` (q,)."""
+    raw = (linear.raw if pieces is None else linear.raw[list(pieces)]).sum(axis=0)
+    n = point.linear
+    if n == 0:
+        return np.zeros(0)
+    values = point.values()
+    right = raw[:n, -1] - raw[:n, n:-1] @ moved
+    rows = smoothness(point)[:, :n]
+    count = linear.count.sum() if pieces is None else linear.count[list(pieces)].sum()
+    left = raw[-1, -1] / max(count, 1.0)
+    mean = float(np.mean(np.abs(values[:n])))
+    # compliances that the data do not know follow their neighbours; noise sets how softly
+    weight = max(left, 1e-12 * values[:n] @ values[:n]) * TOGETHER / (BEND * mean) ** 2
+    weight = min(weight, 1e3 * float(np.mean(np.diag(raw)[:n])))
+    gram = raw[:n, :n] + weight * rows.T @ rows
+    gram += 1e-12 * np.trace(gram) / n * np.eye(n)
+    right = right - weight * rows.T @ (rows @ values[:n])
+    return np.asarray(np.linalg.solve(gram, right))
+
+
+def parameter_step(
+    point: Point,
+    linear: Linear,
+    scales: tuple[float, float],
+    pieces: Sequence[int] | None = None,
+) -> tuple[FloatArray, FloatArray]:
+    """Generalised least squares step (q,) of the stage parameters, and their covariance."""
+    n, q = point.linear, len(point.sizes)
+    if q == 0:
+        return np.zeros(0), np.zeros((0, 0))
+    reduced = reduce(linear, pieces, free=range(n, n + q))
+    columns = reduced.trials[:, -q:]
+    information, right = _information(reduced, columns, scales)
+    values = point.values()[n:]
+    for j, (id, name) in enumerate(point.names):
+        stage = point.model.stage(id)
+        if isinstance(stage, Cause) and name in stage.priors:
+            mean, spread = stage.priors[name]
+            information[j, j] += spread**-2
+            right[j] += (mean - values[j]) / spread**2
+    size = np.array([s for _, _, s in point.sizes])
+    scaled = information * np.outer(size, size)
+    scaled += 1e-12 * np.trace(scaled) / q * np.eye(q)
+    covariance = np.asarray(np.linalg.inv(scaled), float) * np.outer(size, size)
+    return covariance @ right, covariance
+
+
+def _information(
+    reduced: Reduced, columns: FloatArray, scales: tuple[float, float]
+) -> tuple[FloatArray, FloatArray]:
+    factor = cho_factor(covariance_of(reduced, scales))
+    solved = cho_solve(factor, np.column_stack([columns, reduced.z]))
+    return columns.T @ solved[:, :-1], columns.T @ solved[:, -1]
+
+
+def covariance_of(reduced: Reduced, scales: tuple[float, float]) -> FloatArray:
+    """Noise, fine thresholds and dictionary together, shape (m, m)."""
+    return (
+        np.eye(reduced.z.size)
+        + reduced.law @ reduced.law.T
+        + scales[0] * reduced.fine @ reduced.fine.T
+        + scales[1] * reduced.generic @ reduced.generic.T
+    )
+
+
+def refit(space: Space, point: Point, steps: int = STEPS) -> Fitted:
+    """Gauss-Newton on all free numbers from a start; scales are profiled on the way."""
+    space.prepare(point.model)
+    linear = space.linear(point)
+    scales = (0.0, 0.0)
+    covariance = np.zeros((0, 0))
+    n, q = point.linear, len(point.sizes)
+    for step in range(steps):
+        if point.fixed:
+            break
+        if q:
+            if step in (0, 2):
+                reduced = reduce(linear, free=range(n, n + q))
+                scales = Likelihood(reduced).best_scales(
+                    range(reduced.trials.shape[1] - q, reduced.trials.shape[1])
+                )
+            change, covariance = parameter_step(point, linear, scales)
+            change = _within(point, change)
+        else:
+            change = np.zeros(0)
+        moved = point.values()
+        moved[n:] += change
+        moved[:n] += element_step(point, linear, None, change)
+        point = point.moved(moved)
+        settled = bool(q == 0 or np.all(np.abs(change) <= SETTLED * np.sqrt(np.diag(covariance))))
+        if step == 1 and q != 0:
+            space.prepare(point.model)
+            linear = space.linear(point)
+        else:
+            linear = space.with_residual(linear, point)
+        if settled and step > 0:
+            break
+    return Fitted(point, linear, covariance, scales)
+
+
+def _within(point: Point, change: FloatArray) -> FloatArray:
+    """A step kept within physical limits and within a hundred examples."""
+    out = change.copy()
+    values = point.values()[point.linear :]
+    for j, (id, name, size) in enumerate(point.sizes):
+        out[j] = np.clip(out[j], -300.0 * abs(size), 300.0 * abs(size))
+        stage: Stage | None = point.model.stage(id)
+        if isinstance(stage, Cause) and name in stage.limits:
+            low, high = stage.limits[name]
+            out[j] = np.clip(values[j] + out[j], low, high) - values[j]
+    return out

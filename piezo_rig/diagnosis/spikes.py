@@ -1,0 +1,102 @@
+"""Outliers: found first, at full rate, in single recordings, and left out of everything after."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage, stats
+
+from piezo_rig.causes import CAUSES
+from piezo_rig.chain import Model, Parameter, Stage
+from piezo_rig.diagnosis.groups import Groups
+
+FloatArray = NDArray[np.float64]
+FAR = 8.0  # robust standard deviations
+LONGEST = 5  # samples; what lasts longer is no spike
+MOST = 0.02  # of all samples
+SMALLEST = 1e-5  # of the travel
+
+
+@dataclass(frozen=True, eq=False)
+class Spikes:
+    """What was found, and the recordings without it."""
+
+    groups: Groups
+    count: int
+    seconds: float
+    p_value: float
+
+    def stage(self) -> Stage:
+        rate = self.count / self.seconds
+        low = stats.chi2.ppf(0.025, 2 * self.count) / 2.0 / self.seconds if self.count else 0.0
+        high = stats.chi2.ppf(0.975, 2 * self.count + 2) / 2.0 / self.seconds
+        kind = CAUSES["outliers"]
+        return kind({"per_second": Parameter(rate, "1/s", (float(low), float(high)))})
+
+
+def find_spikes(groups: Groups, model: Model) -> Spikes:
+    """Samples that stand far off their neighbours on both sides, against a model's prediction."""
+    cleaned, count, seconds, samples = [], 0, 0.0, 0
+    for group in groups.groups:
+        predicted = group.predicted(model)
+        marks = np.array([_marks(row - predicted, groups.travel_um) for row in group.measured_um])
+        if group.repeats > 1:  # what every repeat shows at the same place is no accident
+            near = ndimage.maximum_filter1d(marks.astype(np.int8), 3, axis=1) > 0
+            marks &= ~np.all(near, axis=0)
+        rows = []
+        for row, mark in zip(group.measured_um, marks, strict=True):
+            found = _events(mark)
+            count += len(found)
+            rows.append(_filled(row, predicted, mark) if found else row)
+        cleaned.append(group.with_measured(np.array(rows)))
+        seconds += group.repeats * float(group.time_s[-1] - group.time_s[0])
+        samples += group.measured_um.size
+    chance = samples * 2.0 * float(stats.norm.sf(FAR))
+    p = float(stats.poisson.sf(count - 1, max(chance, 1e-6))) if count else 1.0
+    if count == 0:
+        return Spikes(groups, 0, seconds, 1.0)
+    return Spikes(groups.with_(cleaned), count, seconds, max(p, 1e-12))
+
+
+def _marks(residual: FloatArray, travel_um: float) -> NDArray[np.bool_]:
+    off = residual - ndimage.median_filter(residual, 2 * LONGEST + 1, mode="nearest")
+    sigma = 1.4826 * float(np.median(np.abs(off)))
+    # heavy tails and slow noise must not pass for spikes
+    spread = (np.percentile(off, 99) - np.percentile(off, 1)) / 4.65
+    mark = np.abs(off) > FAR * max(sigma, float(spread), SMALLEST * travel_um)
+    mark[:2] = mark[-2:] = False
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], mark.astype(np.int8), [0]])))
+    for a, b in zip(edges[::2], edges[1::2], strict=True):
+        if b - a > LONGEST:
+            mark[a:b] = False
+    return mark if mark.mean() < MOST else np.zeros_like(mark)
+
+
+def _events(mark: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], mark.astype(np.int8), [0]])))
+    return [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+
+
+def _filled(row: FloatArray, predicted: FloatArray, mark: NDArray[np.bool_]) -> FloatArray:
+    """The marked samples put where their neighbours' residuals say."""
+    good = np.flatnonzero(~mark)
+    bad = np.flatnonzero(mark)
+    out = row.copy()
+    out[bad] = predicted[bad] + np.interp(bad, good, (row - predicted)[good])
+    return out
+
+
+def noise_floor_nm(groups: Groups) -> float | None:
+    """Rms over samples of the between-repeat standard deviation; None without repeats."""
+    square = count = 0.0
+    for group in groups.groups:
+        if group.repeats < 2:
+            continue
+        for a, b in group.blocks:
+            rows = group.measured_um[:, a:b]
+            rows = rows - rows.mean(axis=1, keepdims=True)
+            square += float(np.sum(rows.var(axis=0, ddof=1)))
+            count += b - a
+    return 1e3 * float(np.sqrt(square / count)) if count else None

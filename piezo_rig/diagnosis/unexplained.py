@@ -1,0 +1,93 @@
+"""What is left after the last finding: whether it has structure, of which kind, how large."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from piezo_rig.diagnosis import dictionary
+from piezo_rig.diagnosis.climb import LEVEL
+from piezo_rig.diagnosis.likelihood import Likelihood, Reduced, reduce
+from piezo_rig.diagnosis.refit import Fitted, covariance_of
+from piezo_rig.diagnosis.space import Linear, Space
+
+FloatArray = NDArray[np.float64]
+WORDS = ("drive", "displacement", "direction", "range", "time_since_turn", "cycle", "clock",
+         "frequency")  # fmt: skip
+SHARE = 0.2  # of the structured power that a tag must carry to be named
+
+
+@dataclass(frozen=True)
+class Unexplained:
+    """The verdict on the rest; sizes in nm with the noise taken out."""
+
+    detected: bool
+    p_value: float
+    rms_nm: float
+    allowance_nm: float
+    depends_on: list[str]
+    text: str
+
+
+def unexplained(
+    space: Space, fitted: Fitted, noise_nm: float, rng: np.random.Generator
+) -> Unexplained:
+    """Likelihood ratio of the dictionary's scale against its null, and what carries it."""
+    linear = space.linear(fitted.point)
+    reduced = reduce(linear)
+    likelihood = Likelihood(reduced)
+    _, p = likelihood.score_generic(rng)
+    scales = likelihood.best_scales()
+    samples = float(linear.count.sum())
+    generic, fine = _parts(reduced, scales)
+    gram = _left_of(space, linear)
+    bends, fines = space.counts[0], space.counts[1]
+    generic_gram = gram[bends + fines :, bends + fines :]
+    fine_gram = gram[bends : bends + fines, bends : bends + fines]
+    rms = 1e3 * float(np.sqrt(max(float(generic @ generic_gram @ generic), 0.0) / samples))
+    mismatch = 1e3 * float(np.sqrt(max(float(fine @ fine_gram @ fine), 0.0) / samples))
+    allowance = float(np.hypot(max(mismatch, 0.02 * noise_nm), 3e-6 * 1e3 * space.groups.travel_um))
+    detected = bool(p < LEVEL and rms > allowance)
+    if not detected:
+        return Unexplained(False, p, rms, allowance, [], "")
+    power: dict[str, float] = {}
+    for tag in dict.fromkeys(space.tags):
+        k = np.array([i for i, t in enumerate(space.tags) if t == tag])
+        value = float(generic[k] @ generic_gram[np.ix_(k, k)] @ generic[k])
+        power[tag] = max(value, 0.0)
+    total = max(sum(power.values()), 1e-300)
+    ranked = sorted(power, key=lambda t: -power[t])
+    named: list[str] = []
+    for tag in ranked:
+        if power[tag] >= SHARE * total or not named:
+            named += [w for w in dictionary.depends_on(tag) if w not in named]
+    words = [w for w in WORDS if w in named]
+    text = (f"{rms:.2g} nm rms that no known cause explains; it goes with "
+            + ", ".join(w.replace("_", " ") for w in words))  # fmt: skip
+    return Unexplained(True, p, rms, allowance, words, text)
+
+
+def _parts(reduced: Reduced, scales: tuple[float, float]) -> tuple[FloatArray, FloatArray]:
+    """Best linear prediction of the dictionary's and the fine thresholds' shares."""
+    solved = np.linalg.solve(covariance_of(reduced, scales), reduced.z)
+    return scales[1] * reduced.generic.T @ solved, scales[0] * reduced.fine.T @ solved
+
+
+def _left_of(space: Space, linear: Linear) -> FloatArray:
+    """Gram matrix of the fixed columns, unwhitened, less what the base model can follow; um^2."""
+    base = fixed = cross = np.zeros(0)
+    for at, piece in enumerate(space.pieces):
+        weight = space.groups.groups[piece.group].repeats
+        own, raw = linear.rows[at][1], space.fixed[at].raw.astype(float)
+        parts = (weight * own @ own.T, weight * raw @ raw.T, weight * own @ raw.T)
+        base, fixed, cross = (
+            parts if at == 0 else (base + parts[0], fixed + parts[1], cross + parts[2])
+        )
+    if base.size == 0:
+        return fixed
+    size = 1.0 / np.sqrt(np.maximum(np.diag(base), 1e-300))
+    ridged = base * np.outer(size, size) + 1e-8 * np.eye(size.size)
+    cross = cross * size[:, None]
+    return fixed - cross.T @ np.linalg.solve(ridged, cross)

@@ -1,0 +1,76 @@
+"""Each cause does what its physics says, on drives with closed forms."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from piezo_rig.causes import CAUSES
+from piezo_rig.causes.cause import Cause, Context
+from piezo_rig.chain import Elements, Maxwell, Model, Signal
+
+TIME = np.arange(0.0, 20.0, 1e-3)
+
+
+def seen(id, displacement, drive=None, time=TIME, **values):
+    stage = CAUSES[id].of(None, **values)
+    drive = np.zeros(time.size) if drive is None else drive
+    return stage.act(Signal(time, drive, displacement)).displacement_um
+
+
+def test_creep_adds_the_same_amount_in_every_decade():
+    step = np.where(TIME > 0, 1.0, 0.0)
+    x = seen("creep", step, rate_per_decade=0.01)
+    at = [x[np.searchsorted(TIME, t)] for t in (0.1, 1.0, 10.0)]
+    assert np.diff(at) == pytest.approx([0.01, 0.01], rel=0.1)
+
+
+def test_an_amplifier_behind_its_command_is_late_by_tau_on_a_ramp():
+    signal = Signal(TIME, 30.0 * TIME, np.zeros(TIME.size))
+    out = CAUSES["amplifier-lag"].of(None, tau=2e-3).act(signal).drive_v
+    assert out[-1] == pytest.approx(30.0 * (TIME[-1] - 2e-3), rel=1e-9)
+
+
+def test_a_skewed_record_shows_what_was_there_a_delay_ago():
+    x = seen("time-skew", 5.0 * TIME, delay=1.5e-3)
+    assert x[100:] == pytest.approx(5.0 * (TIME[100:] - 1.5e-3), abs=1e-12)
+
+
+def test_viscosity_lags_by_its_length_at_300_volts_per_second():
+    for slope in (300.0, -300.0):
+        x = seen("rate-dependence", np.zeros(TIME.size), drive=slope * TIME,
+                 lag_um=0.05, exponent=0.6)  # fmt: skip
+        assert x[-1] == pytest.approx(-np.sign(slope) * 0.05, rel=1e-6)
+
+
+def test_the_periodic_error_repeats_every_half_wave():
+    x = np.linspace(0.0, 0.9492, TIME.size)
+    error = seen("periodic-nonlinearity", x, sine=3.0, cosine=0.0, sine_2=0.0, cosine_2=0.0) - x
+    assert np.max(error) == pytest.approx(3e-3, rel=1e-3)
+    third = TIME.size // 3
+    assert error[:third] == pytest.approx(error[third : 2 * third], abs=2e-5)
+
+
+def test_drift_goes_with_the_clock_and_is_left_out_of_simulations():
+    assert seen("thermal-drift", np.zeros(TIME.size), rate=10.0)[-1] == pytest.approx(
+        0.01 * TIME[-1]
+    )
+    table = Elements.from_curve(np.array([1.0, 2.0]), np.array([0.1, 0.12]))
+    model = Model((Maxwell.of(table), CAUSES["thermal-drift"].of(None, rate=10.0)))
+    assert np.all(model.simulate(TIME, np.zeros(TIME.size)) == 0.0)
+
+
+def test_every_example_of_a_cause_changes_what_it_should_and_little():
+    drive = np.tile(np.concatenate([np.linspace(0, 50, 500), np.linspace(50, 0, 500)]), 3)
+    time = np.arange(drive.size) * 1e-3
+    knots = np.arange(1.0, 11.0) * 5.0
+    model = Model((Maxwell.of(Elements.from_curve(knots, np.linspace(0.1, 0.16, 10))),))
+    plain = model.simulate(time, drive)
+    context = Context(model, float(np.ptp(plain)), 50.0, np.array([100.0]), 1e-3, 3.0)
+    for id, kind in CAUSES.items():
+        assert issubclass(kind, Cause)
+        for trial in kind.trials(context):
+            if trial.locked_to == "clock":
+                continue
+            change = model.with_stage(trial).simulate(time, drive) - plain
+            assert 0.0 < np.max(np.abs(change)) < 0.05 * context.travel_um, id

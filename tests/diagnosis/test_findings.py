@@ -1,0 +1,150 @@
+"""Hidden effects in data of an independent bench: found, named, sized; silence where none is."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parent))
+from small_bench import RATE, recordings, relaxation
+
+from piezo_rig.diagnosis import diagnose, document, text
+from piezo_rig.errors import InputError
+
+
+def names(found):
+    return [f.cause for f in found.findings]
+
+
+def holds(parameter, true):
+    low, high = parameter.ci95
+    # three times the interval: one recording in twenty may lie outside of it
+    middle, half = 0.5 * (low + high), 0.5 * (high - low)
+    return abs(true - middle) < 2.0 * half
+
+
+@pytest.mark.parametrize("kind", ["white", "ar", "1/f"])
+def test_an_actuator_off_the_grid_in_coloured_noise_is_no_finding(kind):
+    found = diagnose(recordings(kind=kind, seed=3))
+    assert names(found) == []
+    assert not found.unexplained.detected
+    assert found.follow_up is None
+
+
+def creep(rate):
+    times = np.logspace(-2, 3, 11)
+    weights = np.full(11, rate / 2)
+    weights[[0, -1]] /= 2
+    return lambda x, drive, t: x + sum(
+        w * relaxation(x, tau) for w, tau in zip(weights, times, strict=True)
+    )
+
+
+def test_creep_is_found_sized_and_worth_its_gain():
+    found = diagnose(recordings(creep(0.01)))
+    assert names(found) == ["creep"]
+    finding = found.findings[0]
+    assert holds(finding.parameters["rate_per_decade"], 0.01)
+    assert finding.gain_percent > 50
+    assert found.rungs[-1].rms_nm < 1.6 * found.noise_floor_nm
+
+
+def test_without_repeats_creep_is_found_and_the_noise_floor_is_not_known():
+    found = diagnose(recordings(creep(0.012), repeats=1))
+    assert "creep" in names(found)
+    assert found.noise_floor_nm is None
+    assert any("no repeats" in n for n in found.notes)
+
+
+def test_a_first_rise_of_its_own_is_an_initiation_stage():
+    def effect(x, drive, t):
+        largest = np.maximum.accumulate(np.abs(drive - drive[0]))
+        return x - 0.3 * (1 - np.exp(-((largest / 40.0) ** 2)))
+
+    found = diagnose(recordings(effect))
+    assert names(found)[0] == "initiation-stage"
+
+
+def test_a_record_that_lags_is_a_skew_or_something_listed_with_it():
+    delay = 5e-4
+
+    def effect(x, drive, t):
+        return np.interp(t - delay, t, x)
+
+    found = diagnose(recordings(effect))
+    finding = found.findings[0]
+    assert "time-skew" in [finding.cause, *finding.alternatives]
+    size = next(iter(finding.parameters.values()))
+    if finding.cause in ("time-skew", "amplifier-lag"):
+        assert size.value == pytest.approx(delay, rel=0.2)
+    if finding.alternatives:
+        assert found.follow_up is not None
+
+
+def test_drift_is_found_with_its_rate():
+    found = diagnose(recordings(lambda x, drive, t: x + 20e-3 * t))
+    assert names(found)[:1] == ["thermal-drift"]
+    assert holds(found.findings[0].parameters["rate"], 20.0)
+
+
+def test_a_ripple_over_displacement_is_the_interferometers():
+    def sensor(x, t, rng):
+        return x + 4e-3 * np.sin(2 * np.pi * x / 0.3164 + 0.4)
+
+    found = diagnose(recordings(sensor=sensor))
+    assert names(found) == ["periodic-nonlinearity"]
+    assert holds(found.findings[0].parameters["amplitude"], 4.0)
+
+
+def test_hum_and_spikes_are_found_in_clock_time():
+    def sensor(x, t, rng):
+        x = x + 3e-3 * np.sin(2 * np.pi * 50.0 * t + 0.3)
+        spikes = rng.random(x.size) < 2.0 / RATE
+        return x + spikes * 0.3 * rng.choice([-1.0, 1.0], x.size)
+
+    found = diagnose(recordings(sensor=sensor))
+    assert names(found) == ["outliers", "mains-hum"]
+    outliers, hum = found.findings
+    assert outliers.gain_percent is None
+    assert hum.parameters["frequency"].value == pytest.approx(50.0, abs=0.1)
+    assert hum.parameters["amplitude"].value == pytest.approx(3.0, rel=0.1)
+
+
+def test_a_stranger_is_called_unexplained_and_described():
+    def effect(x, drive, t):  # a guide that sticks near one place, in either direction
+        way = np.sign(np.gradient(drive))
+        smooth = np.convolve(way, np.ones(15) / 15, mode="same")
+        return x - 0.03 * smooth * np.exp(-0.5 * ((x - 4.0) / 0.6) ** 2)
+
+    found = diagnose(recordings(effect))
+    assert found.unexplained.detected
+    assert "displacement" in found.unexplained.depends_on
+    assert found.unexplained.rms_nm > found.unexplained.allowance_nm
+
+
+def test_one_speed_alone_cannot_show_a_lag_and_the_program_says_so():
+    found = diagnose(recordings(conditions=(("0-50", 0.0, 50.0),)))
+    for cause in ("amplifier-lag", "time-skew", "rate-dependence"):
+        assert "rate_sweep" in found.refused[cause]
+
+
+def test_a_baseline_off_by_one_step_of_the_switch_is_refused():
+    sweeps = recordings(repeats=1)
+    model = diagnose(sweeps).model
+    wrong = [s.with_(sensitivity_um_per_v=15.48 * 4, zero_v=s.zero_v) for s in sweeps]
+    with pytest.raises(InputError, match="times what the baseline"):
+        diagnose(wrong, model)
+
+
+def test_the_same_data_give_the_same_answer_in_the_contracts_form():
+    sweeps = recordings(creep(0.01), conditions=(("0-30", 0, 30.0), ("0-75", 0, 75.0)))
+    first, second = document(diagnose(sweeps)), document(diagnose(sweeps))
+    assert first == second
+    assert first["schema"] == "piezo-rig/diagnosis/1"
+    assert {"data", "baseline", "noise_floor_nm", "findings", "extended", "unexplained",
+            "follow_up"} <= set(first)  # fmt: skip
+    assert first["data"]["held_out"] == "sweep"
+    assert text(diagnose(sweeps))

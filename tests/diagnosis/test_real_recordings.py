@@ -1,0 +1,39 @@
+"""Real recordings with known verdicts (not part of the project; skipped where absent)."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from piezo_rig.cli import main
+
+DATA = Path(__file__).parents[3] / "shared" / "data" / "micromanipulator"
+pytestmark = [
+    pytest.mark.shared,
+    pytest.mark.skipif(not DATA.is_dir(), reason="reference data not here"),
+]
+SINE, LOOPS = DATA / "sine_1hz.csv", DATA / "decaying_and_holds.csv"
+LAGS = {"time-skew", "amplifier-lag", "rate-dependence"}
+
+
+def test_from_one_sine_alone_no_lag_is_chosen_and_the_reason_is_said(tmp_path):
+    out = tmp_path / "d.json"
+    assert main(["diagnose", str(SINE), "--json", str(out)]) == 0
+    said = json.loads(out.read_text())
+    assert not LAGS & {f["cause"] for f in said["findings"]}
+    assert said["noise_floor_nm"] is None
+    assert "several frequencies" in said["not_tried"]["time-skew"]
+
+
+def test_with_minor_loops_a_lag_of_some_ms_halves_the_held_out_error(tmp_path):
+    out = tmp_path / "d.json"
+    model = tmp_path / "m.json"
+    args = ["diagnose", str(SINE), str(LOOPS), "--json", str(out), "--save-model", str(model)]
+    assert main(args) == 0
+    said = json.loads(out.read_text())
+    assert LAGS & {f["cause"] for f in said["findings"]}
+    assert said["extended"]["rms_nm"] < 0.6 * said["baseline"]["rms_nm"]
+    assert abs(said["data"]["recordings"][1]["offset_um"]) == pytest.approx(0.9, abs=0.6)
+    assert main(["simulate", str(model), str(SINE), "--out", str(tmp_path / "s.csv")]) == 0
