@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -48,8 +49,10 @@ def main() -> None:
         print(f"measuring: {name}", file=sys.stderr)
         more = ["--peer-python", options.peer_python] if name == "forward" else []
         done = subprocess.run(
-            [sys.executable, str(HERE / f"{name}.py"), *more], capture_output=True, text=True, check=True
-        )
+            [sys.executable, str(HERE / f"{name}.py"), *more],
+            capture_output=True, text=True, check=True,
+            env=os.environ | {"OPENBLAS_NUM_THREADS": "1"},  # as the program itself sets it
+        )  # fmt: skip
         parts.append(f"{prose}\n{done.stdout}")
     text = "\n".join(parts)
     PAGE.write_text(text, encoding="utf-8")

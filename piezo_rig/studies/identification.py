@@ -273,11 +273,10 @@ draws new noise and identifies; the table says how often the truth lies in the s
 - *First rise* and *later branch* are bands of the response (the later branch of the largest half
   loop), *elements* those of the single compliances, *slope* and *offset* the law's intervals.
 - *Own elements*: `--elements` is the actuator's own number. There the bands are held to 92-98 %.
-  A figure above (few sweeps) is the price of Student's t.
-- *Elements chosen*: the grid is not the actuator's. A piecewise linear curve on another grid
-  is off by a fraction of a nanometre everywhere, and the bands, which know noise and what
-  conditions disagree by, do not see an error that all conditions share. They then tell
-  how well the *model* is known, not how true it is; held-out errors tell that.
+- *Elements chosen*: the grid is not the actuator's, and the figures are below 95 %. A piecewise
+  linear curve on another grid is off by about a nanometre, and the bands, which know noise and
+  what conditions disagree by, do not see an error that all conditions share. They then tell how
+  well the *model* is known, not how true it is; held-out errors tell that.
 
 ## How the bands are made
 
