@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 
+import piezo_rig  # noqa: F401  before numpy: it keeps BLAS to one thread
+
 CHECKOUT = Path(__file__).resolve().parent.parent
 
 

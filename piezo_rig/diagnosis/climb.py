@@ -262,7 +262,9 @@ def climb(
             point = extended(space, fitted, candidate, columns, likelihood, base)
             tried = _tried(space, point, candidate.id)
             if tried is None:
-                barred[candidate.id] = "it came out at a physical limit"
+                barred[candidate.id] = (
+                    "once refitted it came out at a limit, or no different from nothing"
+                )
                 continue
             value = held_out(tried)
             if value > WORSE * error:
@@ -338,7 +340,7 @@ def _tried(space: Space, point: Point, id: str) -> Fitted | None:
     if np.any(space.law > 0):
         fitted = refit(space, fitted.point, steps=2)
     space.law = before
-    return fitted
+    return None if _needless(fitted, [id]) else fitted
 
 
 def without(model: Model, id: str) -> Model:
