@@ -14,6 +14,7 @@ USB has never been tried on hardware.
 
 from __future__ import annotations
 
+import abc
 import contextlib
 import functools
 import re
@@ -65,7 +66,7 @@ class Transport(Protocol):
         ...
 
 
-class _BufferedTransport:
+class _BufferedTransport(abc.ABC):
     """Line and count framing over a subclass's `_receive`, `_send`, `_open` and `_shut`."""
 
     def __init__(
@@ -81,18 +82,18 @@ class _BufferedTransport:
         self._is_open = True
         self._observe("event", b"opened " + address.encode())
 
-    def _open(self) -> None:
-        raise NotImplementedError
+    @abc.abstractmethod
+    def _open(self) -> None: ...
 
-    def _shut(self) -> None:
-        raise NotImplementedError
+    @abc.abstractmethod
+    def _shut(self) -> None: ...
 
-    def _send(self, data: bytes, deadline: float) -> None:
-        raise NotImplementedError
+    @abc.abstractmethod
+    def _send(self, data: bytes, deadline: float) -> None: ...
 
+    @abc.abstractmethod
     def _receive(self, wanted: int, deadline: float) -> bytes:
         """At least one byte before the deadline, or an InstrumentError."""
-        raise NotImplementedError
 
     def write(self, data: bytes) -> None:
         self._must_be_open()

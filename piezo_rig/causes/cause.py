@@ -8,12 +8,14 @@ says what small examples of it look like.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from piezo_rig.chain.branches import Branches
+from piezo_rig.chain.half_loops import HalfLoops
 from piezo_rig.chain.model import Model
 from piezo_rig.chain.stage import Parameter, Signal, Stage
 
@@ -127,3 +129,34 @@ def joined_first_bands(model: Model, most: int = 3) -> list[Model]:
         shorter = Elements.from_curve(knots[joined - 1 :], np.append(mean, compliance[joined:]))
         out.append(model.with_stage(type(model.maxwell).of(shorter)))
     return out
+
+
+class FirstSpring(Cause):
+    """A first spring that is linear in the input's history, as two of the thesis's laws are.
+
+    k_1 = slope x history + offset, with the displacement at which the first element gives way
+    unchanged (thesis eq. 7-10); the subclass says which history.
+    """
+
+    place = "actuator"
+    units: ClassVar[Mapping[str, str]] = {"slope": "V/um/V", "offset": "V/um"}
+
+    @staticmethod
+    def history(loops: HalfLoops) -> FloatArray:
+        """Volts for every half loop, shape (loops,)."""
+        raise TypeError("a subclass says which history")
+
+    def shape(self, branches: Branches) -> Branches:
+        def law(slopes: FloatArray, loops: HalfLoops) -> FloatArray:
+            return slopes + self["slope"] * self.history(loops) + self["offset"]
+
+        return replace(branches, laws=(*branches.laws, law))
+
+    @classmethod
+    def trials(cls, context: Context) -> list[Stage]:
+        size = 0.01 * context.model.branches().first_slope_v_per_um
+        return [cls.of(None, slope=size / context.span_v, offset=0.0)]
+
+    @classmethod
+    def bases(cls, model: Model) -> list[Model]:
+        return joined_first_bands(model)

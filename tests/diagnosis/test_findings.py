@@ -21,7 +21,7 @@ def names(found):
 
 def holds(parameter, true):
     low, high = parameter.ci95
-    # three times the interval: one recording in twenty may lie outside of it
+    # twice the interval: one recording in twenty may lie outside of it
     middle, half = 0.5 * (low + high), 0.5 * (high - low)
     return abs(true - middle) < 2.0 * half
 
