@@ -14,7 +14,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from piezo_rig.chain.branches import Branches
+from piezo_rig.chain.branches import Branches, Law
 from piezo_rig.chain.half_loops import HalfLoops
 from piezo_rig.chain.model import Model
 from piezo_rig.chain.stage import Parameter, Signal, Stage
@@ -75,9 +75,10 @@ class Cause(Stage):
         return []
 
     @classmethod
-    def bases(cls, model: Model) -> list[Model]:
-        """Equivalent forms of the model on which the stage may stand, the simplest first."""
-        return [model]
+    def variants(cls, context: Context) -> list[list[Stage]]:
+        """Sets of examples for several forms of the effect; a diagnosis takes the best form."""
+        trials = cls.trials(context)
+        return [trials] if trials else []
 
     @classmethod
     def begun(cls, trials: Sequence[Stage], shares: FloatArray) -> Stage:
@@ -86,9 +87,14 @@ class Cause(Stage):
         for name in cls.units:
             rest = cls.neutral.get(name, 0.0)
             moved = [t[name] - rest for t in trials]
-            values[name] = float(np.clip(
-                rest + float(np.dot(shares, moved)), *cls.limits.get(name, (-np.inf, np.inf))
-            ))
+            values[name] = float(
+                np.clip(
+                    rest + float(np.dot(shares, moved)), *cls.limits.get(name, (-np.inf, np.inf))
+                )
+            )
+        for name in cls.optional:
+            if name in trials[0].parameters:
+                values[name] = trials[0][name]
         return cls.of(None, **values)
 
     def reported(self, covariance: FloatArray) -> dict[str, Parameter]:
@@ -110,36 +116,19 @@ def added_by(stage: Stage, time_s: FloatArray, drive_v: FloatArray) -> FloatArra
     return stage.act(Signal(time_s, drive_v, nothing)).displacement_um
 
 
-def joined_first_bands(model: Model, most: int = 3) -> list[Model]:
-    """The model, and it with 2, 3 .. of its first bands joined into one.
-
-    A law of the first spring holds up to the first break, so where that lies matters.
-    """
-    from piezo_rig.chain.elements import Elements
-
-    out = [model]
-    table = model.maxwell.elements
-    assert table is not None
-    knots, compliance = table.knots_v, 1.0 / table.slopes
-    for joined in (2, 4, 7)[: most]:
-        if len(table) - joined < 3 or not np.all(np.isfinite(knots)):
-            break
-        width = np.diff(knots[:joined], prepend=0.0)
-        mean = float(np.sum(width * compliance[:joined]) / np.sum(width))
-        shorter = Elements.from_curve(knots[joined - 1 :], np.append(mean, compliance[joined:]))
-        out.append(model.with_stage(type(model.maxwell).of(shorter)))
-    return out
-
-
 class FirstSpring(Cause):
-    """A first spring that is linear in the input's history, as two of the thesis's laws are.
+    """A spring right after the turning point that follows the input's history, as in the thesis.
 
-    k_1 = slope x history + offset, with the displacement at which the first element gives way
-    unchanged (thesis eq. 7-10); the subclass says which history.
+    k_1 = slope x history + offset (thesis eq. 7-10); the subclass says which history. Without a
+    ``reach`` the law is that of the table's own first element, which gives way at the same
+    displacement whatever its spring constant. With one, it is a spring of its own that holds up
+    to that displacement after every turning point.
     """
 
     place = "actuator"
     units: ClassVar[Mapping[str, str]] = {"slope": "V/um/V", "offset": "V/um"}
+    optional: ClassVar[Mapping[str, str]] = {"reach": "um"}
+    limits: ClassVar[Mapping[str, tuple[float, float]]] = {"reach": (1e-6, np.inf)}
 
     @staticmethod
     def history(loops: HalfLoops) -> FloatArray:
@@ -150,13 +139,24 @@ class FirstSpring(Cause):
         def law(slopes: FloatArray, loops: HalfLoops) -> FloatArray:
             return slopes + self["slope"] * self.history(loops) + self["offset"]
 
-        return replace(branches, laws=(*branches.laws, law))
+        return reaching(self, branches, law)
 
     @classmethod
-    def trials(cls, context: Context) -> list[Stage]:
-        size = 0.01 * context.model.branches().first_slope_v_per_um
-        return [cls.of(None, slope=size / context.span_v, offset=0.0)]
+    def variants(cls, context: Context) -> list[list[Stage]]:
+        size = 0.01 * context.span_v / context.travel_um
+        return [
+            [cls.of(None, slope=size / context.span_v, offset=0.0, reach=reach)]
+            for reach in reaches(context)
+        ]
 
-    @classmethod
-    def bases(cls, model: Model) -> list[Model]:
-        return joined_first_bands(model)
+
+def reaches(context: Context) -> list[float]:
+    """Displacements after a turning point up to which a law may hold, um."""
+    return [share * context.travel_um for share in (0.01, 0.02, 0.04, 0.08, 0.16)]
+
+
+def reaching(stage: Stage, branches: Branches, law: Law) -> Branches:
+    """A law on the first element, or up to the stage's own ``reach`` where it has one."""
+    if "reach" in stage.parameters:
+        return replace(branches, reaching=(*branches.reaching, (stage["reach"], law)))
+    return replace(branches, laws=(*branches.laws, law))

@@ -15,15 +15,13 @@ Plausible: ratios of 0.9 to 1.1.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import ClassVar
 
 import numpy as np
 
-from piezo_rig.causes.cause import Cause, Context, joined_first_bands
+from piezo_rig.causes.cause import Cause, Context, reaches, reaching
 from piezo_rig.chain.branches import Branches, FloatArray
 from piezo_rig.chain.half_loops import HalfLoops
-from piezo_rig.chain.model import Model
 from piezo_rig.chain.stage import Stage
 from piezo_rig.errors import InputError
 
@@ -36,7 +34,11 @@ class DirectionAsymmetry(Cause):
     law: ClassVar[tuple[tuple[str, ...], float]] = (("direction", "drive+direction"), 0.1)
     units: ClassVar[Mapping[str, str]] = {"ratio": "1"}
     neutral: ClassVar[Mapping[str, float]] = {"ratio": 1.0}
-    limits: ClassVar[Mapping[str, tuple[float, float]]] = {"ratio": (0.2, 5.0)}
+    optional: ClassVar[Mapping[str, str]] = {"reach": "um"}
+    limits: ClassVar[Mapping[str, tuple[float, float]]] = {
+        "ratio": (0.2, 5.0),
+        "reach": (1e-6, np.inf),
+    }
 
     def shape(self, branches: Branches) -> Branches:
         r = self["ratio"]
@@ -44,7 +46,7 @@ class DirectionAsymmetry(Cause):
         def law(slopes: FloatArray, loops: HalfLoops) -> FloatArray:
             return slopes * np.where(loops.direction > 0, 2 * r, 2.0) / (1 + r)
 
-        return replace(branches, laws=(*branches.laws, law))
+        return reaching(self, branches, law)
 
     def check(self) -> None:
         super().check()
@@ -57,9 +59,5 @@ class DirectionAsymmetry(Cause):
             )
 
     @classmethod
-    def trials(cls, context: Context) -> list[Stage]:
-        return [cls.of(None, ratio=1.01)]
-
-    @classmethod
-    def bases(cls, model: Model) -> list[Model]:
-        return joined_first_bands(model)
+    def variants(cls, context: Context) -> list[list[Stage]]:
+        return [[cls.of(None, ratio=1.01, reach=reach)] for reach in reaches(context)]

@@ -24,7 +24,8 @@ class ExtremumDependence(FirstSpring):
 
     id = "extremum-dependence"
     law: ClassVar[tuple[tuple[str, ...], float]] = (
-        ("drive+direction", "range+drive", "time_since_turn+direction"), 0.1,
+        ("drive+direction", "range+drive", "time_since_turn+direction"),
+        0.1,
     )
 
     @staticmethod

@@ -28,7 +28,10 @@ class PeriodicNonlinearity(Cause):
     id = "periodic-nonlinearity"
     place = "sensor"
     units: ClassVar[Mapping[str, str]] = {
-        "sine": "nm", "cosine": "nm", "sine_2": "nm", "cosine_2": "nm",
+        "sine": "nm",
+        "cosine": "nm",
+        "sine_2": "nm",
+        "cosine_2": "nm",
     }
 
     def act(self, signal: Signal) -> Signal:

@@ -26,7 +26,8 @@ class RangeDependence(FirstSpring):
 
     id = "range-dependence"
     law: ClassVar[tuple[tuple[str, ...], float]] = (
-        ("range", "range+drive", "direction", "time_since_turn+direction"), 0.1,
+        ("range", "range+drive", "direction", "time_since_turn+direction"),
+        0.1,
     )
 
     @staticmethod

@@ -39,10 +39,27 @@ class Curve:
 
 @dataclass(frozen=True, eq=False)
 class Walk:
-    """A drive cut into segments; columns as `kernels` says."""
+    """A drive cut into segments, columns as `kernels` says, and the bands that it walked on."""
 
     ints: NDArray[np.int64]
     floats: FloatArray
+    bands: Bands
+
+
+@dataclass(frozen=True, eq=False)
+class Bands:
+    """A later branch as the kernel takes it: its first ``e`` bands half loop by half loop.
+
+    Attributes
+    ----------
+    early_knots_v, early_slopes_v_per_um : shape (m, e), volts from the turning point to the end
+        of a band, and the slope on it
+    rest : the bands after those, over the volts since
+    """
+
+    early_knots_v: FloatArray
+    early_slopes_v_per_um: FloatArray
+    rest: Curve
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,6 +73,8 @@ class Branches:
     first_break_um : displacement after a turning point at which the first element gives way
     rest : the later branch after that, over the volts since
     laws : applied to the first slope in this order
+    reaching : pairs (reach in um, law): laws that hold up to a reach of their own, for every
+        slope before it, wherever the table's first element gives way
     """
 
     initiation: Curve
@@ -63,6 +82,7 @@ class Branches:
     first_break_um: float
     rest: Curve
     laws: tuple[Law, ...] = field(default=())
+    reaching: tuple[tuple[float, Law], ...] = field(default=())
 
     @classmethod
     def of(cls, later: Elements, initiation: Elements | None = None) -> Branches:
@@ -81,38 +101,70 @@ class Branches:
         slopes = np.full(len(loops), self.first_slope_v_per_um)
         for law in self.laws:
             slopes = law(slopes, loops)
-        bad = ~(slopes > 0)
-        if np.any(bad):
-            i = int(np.argmax(bad))
-            raise InputError(
-                "slope-not-positive",
-                f"the first slope of half loop {i + 1} (sample {loops.start[i]}) is "
-                f"{slopes[i]:.4g} V/um: it begins at {loops.extremum_v[i]:.4g} V after a change "
-                f"of {loops.range_v[i]:.4g} V",
-                "the law of the first spring does not hold for this drive",
-                "use the model inside the range that it was identified on",
-            )
+        _positive(slopes, loops)
         return slopes
+
+    def bands(self, loops: HalfLoops) -> Bands:
+        """The later branches of these half loops.
+
+        Raises
+        ------
+        InputError : a slope that is not positive
+        """
+        first = self.first_slopes(loops)
+        if not self.reaching:
+            return Bands((self.first_break_um * first)[:, None], first[:, None], self.rest)
+        widths = np.diff(self.rest.knots_v, prepend=0.0)
+        ends = self.first_break_um + np.cumsum(
+            np.append(0.0, widths * self.rest.compliance_um_per_v[: widths.size])
+        )
+        later = 1.0 / self.rest.compliance_um_per_v
+        reaches = np.array([reach for reach, _ in self.reaching])
+        breaks = np.unique(np.concatenate([ends, reaches]))
+        early = breaks[breaks <= reaches.max()]
+        # slope of each early band before any spring is added; its middle says which one it was
+        middle = early - 0.5 * np.diff(early, prepend=0.0)
+        which = np.searchsorted(ends, middle)
+        slopes = np.where(which == 0, first[:, None], np.append(np.nan, later)[which][None, :])
+        for reach, law in self.reaching:
+            for band in np.flatnonzero(early <= reach):
+                slopes[:, band] = law(slopes[:, band], loops)
+        _positive(slopes.min(axis=1), loops)
+        knots = np.cumsum(slopes * np.diff(early, prepend=0.0), axis=1)
+        if not np.isfinite(self.first_break_um):
+            return Bands(knots, slopes, Curve(np.empty(0), 1.0 / first[:1]))
+        left = ends[ends > early[-1]]
+        springs = np.append(first[0], later)[np.searchsorted(ends, early[-1], side="right") :]
+        if np.searchsorted(ends, early[-1], side="right") == 0:
+            # inside the first element: the rest of it is one more band, also by its law
+            knots = np.column_stack([knots, knots[:, -1] + first * (ends[0] - early[-1])])
+            slopes = np.column_stack([slopes, first])
+            left, springs = ends[1:], later
+            return Bands(knots, slopes, Curve(self.rest.knots_v, 1.0 / springs))
+        volts = np.cumsum(springs[: left.size] * np.diff(left, prepend=early[-1]))
+        return Bands(knots, slopes, Curve(volts, 1.0 / springs))
 
     def walk(self, drive_v: FloatArray, loops: HalfLoops | None = None) -> Walk:
         """Cut a drive (n,) into segments; the memory is virgin at its first sample."""
         from piezo_rig.chain import kernels
 
-        if self.laws:
+        if self.laws or self.reaching:
             loops = half_loops(drive_v) if loops is None else loops
-            start, slopes = loops.start, self.first_slopes(loops)
+            bands, start = self.bands(loops), loops.start
         else:
-            start, slopes = np.zeros(1, np.int64), np.array([self.first_slope_v_per_um])
+            slope = np.array([[self.first_slope_v_per_um]])
+            bands = Bands(self.first_break_um * slope, slope, self.rest)
+            start = np.zeros(1, np.int64)
         ints, floats = kernels.walk(
             drive_v,
             float(drive_v[0]),
             self.initiation.knots_v,
-            self.first_break_um,
-            self.rest.knots_v,
+            bands.early_knots_v,
+            bands.rest.knots_v,
             start,
-            slopes,
+            bands.early_slopes_v_per_um,
         )
-        return Walk(ints, floats)
+        return Walk(ints, floats, bands)
 
     def displacement(self, drive_v: FloatArray, walked: Walk | None = None) -> FloatArray:
         """Displacement of a drive (n,), um, 0 at the first sample."""
@@ -127,7 +179,23 @@ class Branches:
             walked.floats,
             self.initiation.compliance_um_per_v.size,
             self.initiation.compliance_um_per_v,
-            self.rest.compliance_um_per_v,
+            walked.bands.early_slopes_v_per_um,
+            walked.bands.rest.compliance_um_per_v,
             out,
         )
         return out
+
+
+def _positive(slopes: FloatArray, loops: HalfLoops) -> None:
+    """Refuse slopes (m,) of half loops that are not above 0."""
+    bad = ~(slopes > 0)
+    if np.any(bad):
+        i = int(np.argmax(bad))
+        raise InputError(
+            "slope-not-positive",
+            f"the first slope of half loop {i + 1} (sample {loops.start[i]}) is "
+            f"{slopes[i]:.4g} V/um: it begins at {loops.extremum_v[i]:.4g} V after a change "
+            f"of {loops.range_v[i]:.4g} V",
+            "the law of the first spring does not hold for this drive",
+            "use the model inside the range that it was identified on",
+        )

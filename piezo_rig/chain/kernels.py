@@ -127,7 +127,7 @@ def _back_again(v, i, here, room, up):
 
 
 @numba.njit(cache=True, boundscheck=False)
-def walk(v, origin, init_knots, first_break, rest_knots, loop_start, first_slope):
+def walk(v, origin, init_knots, early_knots, rest_knots, loop_start, early_slopes):
     """Cut a drive into segments.
 
     Parameters
@@ -135,10 +135,11 @@ def walk(v, origin, init_knots, first_break, rest_knots, loop_start, first_slope
     v : shape (n,), drive in volts
     origin : the virgin drive, volts
     init_knots : shape (n0 - 1,), |drive - origin| at the initiation curve's break points
-    first_break : um after a turning point at which the first element slides (inf: never)
-    rest_knots : shape (nc - 2,) or (0,), volts from the first breakaway to the others
+    early_knots : shape (m, e), volts from the turning point to the end of each of the first
+        bands of a branch that begins in that half loop (inf: never)
+    rest_knots : shape (nc - e - 1,) or (0,), volts from the last of those to the other knots
     loop_start : shape (m,), first sample of every half loop
-    first_slope : shape (m,), V/um, the first slope of branches that begin in that half loop
+    early_slopes : shape (m, e), V/um on the first bands
 
     Returns
     -------
@@ -146,6 +147,7 @@ def walk(v, origin, init_knots, first_break, rest_knots, loop_start, first_slope
     """
     n = v.size
     n0 = init_knots.size + 1
+    n_early = early_knots.shape[1]
     n_rest = rest_knots.size
     capacity = 256
     ints = np.empty((capacity, 5), np.int64)
@@ -153,7 +155,6 @@ def walk(v, origin, init_knots, first_break, rest_knots, loop_start, first_slope
     count = 0
     room = 64
     turn = np.empty(room, np.float64)
-    slope = np.empty(room, np.float64)
     loop_of = np.empty(room, np.int64)
     band = np.zeros(room + 1, np.int64)  # band[0]: initiation; band[d]: branch of turn[d - 1]
     depth = 0
@@ -182,7 +183,7 @@ def walk(v, origin, init_knots, first_break, rest_knots, loop_start, first_slope
                     limit = 2.0 * origin - here
                 else:
                     limit = turn[depth - 1]
-                reach = min(first_break * first_slope[of], abs(limit - here))
+                reach = min(early_knots[of, 0], abs(limit - here))
                 after = _back_again(v, i, here, reach, up)
                 if after >= 0 and (of + 1 == loop_start.size or loop_start[of + 1] >= after):
                     if count == capacity:
@@ -196,7 +197,7 @@ def walk(v, origin, init_knots, first_break, rest_knots, loop_start, first_slope
                     ints[count, 4] = 0
                     floats[count, 0] = here
                     floats[count, 1] = here
-                    floats[count, 2] = first_slope[of]
+                    floats[count, 2] = early_slopes[of, 0]
                     floats[count, 3] = 0.0
                     count += 1
                     loop = of
@@ -210,12 +211,10 @@ def walk(v, origin, init_knots, first_break, rest_knots, loop_start, first_slope
                 loop += 1
             if depth + 2 > room:
                 turn = np.concatenate((turn, np.empty(room, np.float64)))
-                slope = np.concatenate((slope, np.empty(room, np.float64)))
                 loop_of = np.concatenate((loop_of, np.empty(room, np.int64)))
                 band = np.concatenate((band, np.zeros(room, np.int64)))
                 room *= 2
             turn[depth] = here
-            slope[depth] = first_slope[loop]
             loop_of[depth] = loop
             depth += 1
             band[depth] = 0
@@ -233,13 +232,13 @@ def walk(v, origin, init_knots, first_break, rest_knots, loop_start, first_slope
                 code = b
             else:
                 reference = turn[depth - 1]
-                branch_slope = slope[depth - 1]
                 branch_loop = loop_of[depth - 1]
+                branch_slope = early_slopes[branch_loop, 0]
                 limit = turn[depth - 2] if depth > 1 else 2.0 * origin - reference
-                if b == 0:
-                    knot = first_break * branch_slope
-                elif b <= n_rest:
-                    knot = first_break * branch_slope + rest_knots[b - 1]
+                if b < n_early:
+                    knot = early_knots[branch_loop, b]
+                elif b < n_early + n_rest:
+                    knot = early_knots[branch_loop, n_early - 1] + rest_knots[b - n_early]
                 else:
                     knot = np.inf
                 code = n0 + b
@@ -282,17 +281,18 @@ def walk(v, origin, init_knots, first_break, rest_knots, loop_start, first_slope
 
 
 @numba.njit(cache=True, boundscheck=False)
-def fill(v, ints, floats, n0, init_compliance, rest_compliance, out):
+def fill(v, ints, floats, n0, init_compliance, early_slopes, rest_compliance, out):
     """Displacement of a walked drive into ``out``, um, shape (n,); 0 at the walk's origin."""
     y = 0.0
+    n1 = n0 + early_slopes.shape[1]
     for s in range(ints.shape[0]):
         code = ints[s, 2]
         if code < n0:
             c = init_compliance[code]
-        elif code == n0:
-            c = 1.0 / floats[s, 2]
+        elif code < n1:
+            c = 1.0 / early_slopes[ints[s, 3], code - n0]
         else:
-            c = rest_compliance[code - n0 - 1]
+            c = rest_compliance[code - n1]
         begin = floats[s, 0]
         base = y - c * begin
         piece = out[ints[s, 0] : ints[s, 1]]

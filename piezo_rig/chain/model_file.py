@@ -103,11 +103,12 @@ def _stage(data: Any, stages: Mapping[str, type[Stage]]) -> Stage:
         )
     kind = stages[id]
     listed = data.get("parameters", {})
-    if not isinstance(listed, dict) or not set(listed) <= set(kind.units):
+    units = {**kind.units, **kind.optional}
+    if not isinstance(listed, dict) or not set(listed) <= set(units):
         raise InputError(
-            "model-stage", f"stage {id}: its parameters are {', '.join(kind.units) or 'none'}"
+            "model-stage", f"stage {id}: its parameters are {', '.join(units) or 'none'}"
         )
-    parameters = {n: _parameter(id, n, listed[n], kind.units[n]) for n in kind.units if n in listed}
+    parameters = {n: _parameter(id, n, listed[n], units[n]) for n in units if n in listed}
     elements = None
     if kind.has_elements:
         elements = Elements.from_rows(data.get("elements"), f"stage {id}")

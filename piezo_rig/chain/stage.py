@@ -57,6 +57,7 @@ class Stage:
     place : ``drive``, ``actuator``, ``sensor`` or ``acquisition``
     locked_to : ``drive`` (repeats with the drive) or ``clock`` (left out of simulations)
     units : its parameters and their units, in order
+    optional : parameters that a stage may do without
     neutral : values at which it does nothing, where that is not 0
     has_elements : whether it carries an element table
     """
@@ -65,6 +66,7 @@ class Stage:
     place: ClassVar[str] = "actuator"
     locked_to: ClassVar[str] = "drive"
     units: ClassVar[Mapping[str, str]] = {}
+    optional: ClassVar[Mapping[str, str]] = {}
     neutral: ClassVar[Mapping[str, float]] = {}
     has_elements: ClassVar[bool] = False
 
@@ -74,7 +76,8 @@ class Stage:
     @classmethod
     def of(cls, elements: Elements | None = None, **values: float) -> Stage:
         """A stage from plain numbers in the units of the class."""
-        return cls({k: Parameter(float(v), cls.units[k]) for k, v in values.items()}, elements)
+        units = {**cls.units, **cls.optional}
+        return cls({k: Parameter(float(v), units[k]) for k, v in values.items()}, elements)
 
     def __getitem__(self, name: str) -> float:
         """Value of one parameter."""

@@ -7,8 +7,8 @@ parameters and linearised anew. Afterwards members that are no longer needed are
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +21,7 @@ from piezo_rig.diagnosis.fit import Point
 from piezo_rig.diagnosis.likelihood import Likelihood, Reduced, reduce
 from piezo_rig.diagnosis.refit import Fitted, covariance_of, refit
 from piezo_rig.diagnosis.space import Space
+from piezo_rig.errors import InputError
 
 FloatArray = NDArray[np.float64]
 LEVEL = 0.01
@@ -34,14 +35,22 @@ Tell = Callable[[str], None]
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
-    """One cause in the race: its examples, and on which form of the model each stands."""
+    """One cause in the race, in one or several forms, each with its examples."""
 
     id: str
-    trials: tuple[Stage, ...]
-    bases: tuple[Model, ...]
+    variants: tuple[tuple[Stage, ...], ...]
 
-    def pairs(self) -> list[tuple[Model, Model]]:
-        return [(b, b.with_stage(t)) for b in self.bases for t in self.trials]
+    def pairs(self, model: Model) -> list[tuple[Model, Model]]:
+        """What is to be played with and without, form by form."""
+        return [(model, model.with_stage(t)) for form in self.variants for t in form]
+
+    def columns(self, at: int) -> list[list[int]]:
+        """Columns of every form, if those of `pairs` begin at ``at``."""
+        out = []
+        for form in self.variants:
+            out.append(list(range(at, at + len(form))))
+            at += len(form)
+        return out
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,11 +130,9 @@ def candidates(space: Space, model: Model) -> tuple[list[Candidate], dict[str, s
                 "loop; several frequencies (rate_sweep) would show it"
             )
             continue
-        bases = kind.bases(model)
-        trials = kind.trials(replace(context, model=bases[0]))
-        if not trials:
-            continue
-        found.append(Candidate(id, tuple(trials), tuple(bases)))
+        variants = kind.variants(context)
+        if variants:
+            found.append(Candidate(id, tuple(tuple(v) for v in variants)))
     return found, refused
 
 
@@ -138,7 +145,7 @@ def _several_speeds(context: Context) -> bool:
 
 def scan(
     space: Space, fitted: Fitted, rng: np.random.Generator, barred: dict[str, str] | None = None
-) -> tuple[Scan, list[Candidate], Likelihood, dict[str, tuple[list[int], Model]]]:
+) -> tuple[Scan, list[Candidate], Likelihood, dict[str, tuple[list[int], tuple[Stage, ...]]]]:
     """Score every cause against the fitted model."""
     found, refused = candidates(space, fitted.point.model)
     refused |= barred or {}
@@ -146,15 +153,13 @@ def scan(
     pairs: list[tuple[Model, Model]] = []
     where: dict[str, list[list[int]]] = {}
     for c in found:
-        at = len(pairs)
-        pairs += c.pairs()
-        n = len(c.trials)
-        where[c.id] = [list(range(at + k * n, at + (k + 1) * n)) for k in range(len(c.bases))]
+        where[c.id] = c.columns(len(pairs))
+        pairs += c.pairs(fitted.point.model)
     linear = space.linear(fitted.point, pairs)
     reduced = reduce(linear)
     kept = []
     for c in found:
-        seen = _visible(reduced, where[c.id][0])
+        seen = max(_visible(reduced, columns) for columns in where[c.id])
         if seen * CAUSES[c.id].largest < VISIBLE:  # type: ignore[attr-defined]
             refused[c.id] = "these data cannot show it: what it does, the base model can do as well"
         else:
@@ -174,9 +179,9 @@ def scan(
         scored.ratio - 2.0 * scored.null_median,
         refused,
     )
-    bases = [b for c in kept for b in c.bases]
+    forms = [form for c in kept for form in c.variants]
     chosen = {
-        c.id: (hypotheses[scored.chosen[i]], bases[scored.chosen[i]]) for i, c in enumerate(kept)
+        c.id: (hypotheses[scored.chosen[i]], forms[scored.chosen[i]]) for i, c in enumerate(kept)
     }
     return result, kept, likelihood, chosen
 
@@ -192,7 +197,7 @@ def extended(
     candidate: Candidate,
     columns: list[int],
     likelihood: Likelihood,
-    base: Model,
+    trials: Sequence[Stage],
 ) -> Point:
     """The point with a cause put in at the size that the linear fit gives it."""
     reduced = likelihood.reduced
@@ -206,17 +211,14 @@ def extended(
     shares = size * np.linalg.solve(scaled, size * (t.T @ solved[:, -1]))
     kind = CAUSES[candidate.id]
     assert issubclass(kind, Cause)
-    stage = kind.begun(candidate.trials, shares)
+    stage = kind.begun(trials, shares)
     sizes = list(fitted.point.sizes)
-    for name in kind.units:
-        moved = (
-            max(abs(t[name] - kind.neutral.get(name, 0.0)) for t in candidate.trials)
-            if name in kind.units
-            else 0.0
-        )
+    for name in stage.parameters:
+        rest = kind.neutral.get(name, 0.0)
+        moved = max(abs(t[name] - rest) for t in trials)
         if moved > 0:
             sizes.append((candidate.id, name, float(moved)))
-    return Point(base.with_stage(stage), fitted.point.fixed, tuple(sizes))
+    return Point(fitted.point.model.with_stage(stage), fitted.point.fixed, tuple(sizes))
 
 
 def climb(
@@ -258,9 +260,12 @@ def climb(
         for i in close:
             candidate = found[i]
             tell(f"refit with {candidate.id}")
-            columns, base = chosen[candidate.id]
-            point = extended(space, fitted, candidate, columns, likelihood, base)
-            tried = _tried(space, point, candidate.id)
+            columns, form = chosen[candidate.id]
+            try:
+                point = extended(space, fitted, candidate, columns, likelihood, form)
+                tried = _tried(space, point, candidate.id)
+            except InputError:  # it cannot even be played at the size that the data ask for
+                tried = None
             if tried is None:
                 barred[candidate.id] = (
                     "once refitted it came out at a limit, or no different from nothing"

@@ -55,10 +55,8 @@ def confusion(space: Space, fitted: Fitted, cause: str) -> Confusion:
     for c in found:
         if c.id == cause or model.stage(c.id) is not None:
             continue
-        at = len(pairs)
-        pairs += c.pairs()
-        n = len(c.trials)
-        columns[c.id] = [list(range(at + k * n, at + (k + 1) * n)) for k in range(len(c.bases))]
+        columns[c.id] = c.columns(len(pairs))
+        pairs += c.pairs(less)
     own = [fitted.point.linear + j for j, (id, _) in enumerate(fitted.point.names) if id == cause]
     point = fitted.point
     kind = CAUSES[cause]

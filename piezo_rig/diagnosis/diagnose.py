@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 
 from piezo_rig.causes import CAUSES, named_model
-from piezo_rig.causes.cause import Cause
+from piezo_rig.causes.cause import Cause, FirstSpring
 from piezo_rig.chain import Model, Parameter
 from piezo_rig.diagnosis import engine
 from piezo_rig.diagnosis.checks import baseline_warnings, data_warnings
@@ -184,11 +184,7 @@ def _baseline(groups: Groups, baseline: str | Model) -> Point:
         for name in kind.units:
             if name == "offset":  # the table's first compliance says the same
                 continue
-            unit = (
-                0.01
-                if kind.units[name] == "1"
-                else (0.01 * model.branches().first_slope_v_per_um / groups.span_v)
-            )
+            unit = 0.01 if kind.units[name] == "1" else 0.01 / groups.travel_um
             sizes.append((kind.id, name, float(unit)))
     return Point(model, False, tuple(sizes))
 
@@ -234,9 +230,8 @@ def parameters_of(fitted: Fitted, cause: str, model: Model) -> dict[str, Paramet
     """Reported parameters of an accepted cause, with the values of the final model."""
     stage = model.stage(cause)
     assert isinstance(stage, Cause)
-    n = len(stage.units)
-    covariance = np.zeros((n, n))
-    order = list(stage.units)
+    order = list(stage.parameters)
+    covariance = np.zeros((len(order), len(order)))
     index = {name: j for j, (id, name) in enumerate(fitted.point.names) if id == cause}
     for a, name in enumerate(order):
         for b, other in enumerate(order):
@@ -256,7 +251,7 @@ def final_model(fitted: Fitted, name: str) -> Model:
                     half = 1.96 * float(np.sqrt(max(fitted.covariance[j, j], 0.0)))
                     value = stage[parameter]
                     own[parameter] = Parameter(
-                        value, stage.units[parameter], (value - half, value + half)
+                        value, stage.parameters[parameter].unit, (value - half, value + half)
                     )
             model = model.with_(
                 stages=tuple(
@@ -264,26 +259,34 @@ def final_model(fitted: Fitted, name: str) -> Model:
                     for s in model.stages
                 )
             )
-    laws = [s for s in model.stages if "offset" in s.units]
-    table = model.maxwell.elements
-    if laws and table is not None and not fitted.point.fixed:
-        spring = float(table.k_v_per_um[0])
-        springs = table.k_v_per_um.copy()
-        springs[0] = 0.0
-        law = laws[0]
-        moved = law.parameters | {"offset": Parameter(law["offset"] + spring, law.units["offset"])}
-        maxwell = type(model.maxwell).of(type(table)(springs, table.slides_at_um))
-        model = model.with_(
-            stages=tuple(
-                maxwell
-                if s.id == "maxwell"
-                else type(s)(moved, s.elements)
-                if s.id == law.id
-                else s
-                for s in model.stages
-            )
-        )
+    for stage in model.stages:
+        if isinstance(stage, FirstSpring) and not fitted.point.fixed:
+            model = _with_offset(model, stage)
     return model.with_(name=f"{name} extended")
+
+
+def _with_offset(model: Model, stage: FirstSpring) -> Model:
+    """The same model, the first spring's constant part moved from the table to its law.
+
+    That part is by how much the later branch is steeper up to the law's reach than on the same
+    stretch after it. Without elements of its own for the first rise the table stays: the first
+    rise follows it as well.
+    """
+    table = model.maxwell.elements
+    assert table is not None
+    reach = stage.parameters["reach"].value if "reach" in stage.parameters else (
+        2.0 * float(table.slides_at_um[0])
+    )  # fmt: skip
+    spring = table.steeper_by(0.5 * reach)
+    law = type(stage)(stage.parameters | {
+        "offset": Parameter(stage["offset"] + spring, stage.units["offset"])
+    })  # fmt: skip
+    if not any(s.has_elements and s.id != "maxwell" for s in model.stages):
+        return model
+    moved = type(model.maxwell).of(table.with_spring(-spring, 0.5 * reach))
+    return model.with_(stages=tuple(
+        moved if s.id == "maxwell" else law if s.id == stage.id else s for s in model.stages
+    ))  # fmt: skip
 
 
 def recording_offsets(

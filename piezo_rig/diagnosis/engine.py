@@ -95,7 +95,7 @@ def generous_spectrum(space: Space, point: Point, rng: np.random.Generator) -> S
     is found by sending known noise through the same projection.
     """
     found, _ = candidates(space, point.model)
-    pairs = [pair for c in found for pair in c.pairs()]
+    pairs = [pair for c in found for pair in c.pairs(point.model)]
     blocks = []
     for group in space.groups.groups:
         moving = space.moving(group, point, pairs)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -83,10 +83,8 @@ def _cosine(groups: list[Group], fitted: Fitted, cause: str, rival: str, context
     less = without(model, cause)
     kind = CAUSES[rival]
     assert issubclass(kind, Cause)
-    trials = kind.trials(Context(
-        less, context.travel_um, context.span_v, context.slews_v_per_s, context.step_s,
-        context.duration_s,
-    ))  # fmt: skip
+    variants = kind.variants(replace(context, model=less))
+    trials = [trial for form in variants for trial in form]
     base, delta, other = [], [], []
     for g in groups:
         plain = g.predicted(less)

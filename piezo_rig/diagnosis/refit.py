@@ -19,9 +19,11 @@ from piezo_rig.chain import Stage
 from piezo_rig.diagnosis.fit import Point, smoothness
 from piezo_rig.diagnosis.likelihood import Likelihood, Reduced, reduce
 from piezo_rig.diagnosis.space import Linear, Space
+from piezo_rig.errors import InputError
 
 FloatArray = NDArray[np.float64]
 STEPS = 5
+HALVED = 8
 SETTLED = 0.05  # standard errors
 BEND = 0.05  # plausible second difference of compliances, of their mean
 TOGETHER = 50.0  # samples that count as one, for the weight of that
@@ -87,6 +89,8 @@ def parameter_step(
             mean, spread = stage.priors[name]
             information[j, j] += spread**-2
             right[j] += (mean - values[j]) / spread**2
+        elif stage is not None and name in stage.optional:
+            information[j, j] += point.sizes[j][2] ** -2  # damped: data may not know it
     size = np.array([s for _, _, s in point.sizes])
     scaled = information * np.outer(size, size)
     scaled += 1e-12 * np.trace(scaled) / q * np.eye(q)
@@ -132,10 +136,7 @@ def refit(space: Space, point: Point, steps: int = STEPS) -> Fitted:
             change = _within(point, change)
         else:
             change = np.zeros(0)
-        moved = point.values()
-        moved[n:] += change
-        moved[:n] += element_step(point, linear, None, change)
-        point = point.moved(moved)
+        point, change = _moved(space, point, linear, change)
         settled = bool(q == 0 or np.all(np.abs(change) <= SETTLED * np.sqrt(np.diag(covariance))))
         if step == 1 and q != 0:
             space.prepare(point.model)
@@ -145,6 +146,31 @@ def refit(space: Space, point: Point, steps: int = STEPS) -> Fitted:
         if settled and step > 0:
             break
     return Fitted(point, linear, covariance, scales)
+
+
+def _moved(
+    space: Space, point: Point, linear: Linear, change: FloatArray
+) -> tuple[Point, FloatArray]:
+    """The point after a step, a shorter one where the whole cannot be played."""
+    n = point.linear
+    for _ in range(HALVED):
+        values = point.values()
+        values[n:] += change
+        values[:n] += element_step(point, linear, None, change)
+        there = point.moved(values)
+        if _playable(space, there):
+            return there, change
+        change = 0.5 * change
+    return point, np.zeros_like(change)
+
+
+def _playable(space: Space, point: Point) -> bool:
+    try:
+        for group in space.groups.groups:
+            group.predicted(point.model)
+    except InputError:
+        return False
+    return True
 
 
 def _within(point: Point, change: FloatArray) -> FloatArray:

@@ -110,3 +110,24 @@ def test_small_loops_are_walked_as_large_ones(name, noise):
         assert np.array_equal(walked.ints[1:, 0], walked.ints[:-1, 1])
         results.append(branches.displacement(v, walked))
     assert results[1][::30] == pytest.approx(results[0], abs=2e-12)
+
+
+@pytest.mark.parametrize("name", LAWS)
+@pytest.mark.parametrize("finer", [(0.5,), (0.3, 0.8), (1.5,), ()])
+def test_a_law_with_a_reach_of_its_own_does_not_care_where_the_table_breaks(name, finer):
+    """Elements without a spring move no slope; the law reaches over them."""
+    coarse = lawful(name)
+    table = coarse.maxwell.elements
+    slides = np.sort(np.concatenate([table.slides_at_um, [s * DX for s in finer]]))
+    springs = np.zeros(slides.size)
+    springs[np.isin(slides, table.slides_at_um)] = table.k_v_per_um
+    stages = []
+    for stage in coarse.stages:
+        if isinstance(stage, Maxwell):
+            stage = Maxwell.of(Elements(springs, slides))
+        elif stage.id != "initiation-stage":
+            values = {n: stage[n] for n in stage.parameters}
+            stage = type(stage).of(None, **values, reach=2.0 * DX)
+        stages.append(stage)
+    drive = ride([0, 12, 0, 12, 0, 5, 3, 5, 0, 14, 13.9, 14, 1], 31)
+    assert play(Model(tuple(stages)), drive) == pytest.approx(play(coarse, drive), abs=1e-12)
