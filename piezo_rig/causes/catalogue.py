@@ -7,6 +7,7 @@ import pkgutil
 from pathlib import Path
 
 import piezo_rig.causes as _package
+from piezo_rig.chain.bend import Bend
 from piezo_rig.chain.maxwell import Maxwell
 from piezo_rig.chain.model import Model
 from piezo_rig.chain.model_file import read_model
@@ -40,7 +41,7 @@ def _find() -> dict[str, type[Stage]]:
 CAUSES = _find()
 """Every cause by its id."""
 
-STAGES: dict[str, type[Stage]] = {"maxwell": Maxwell, **CAUSES}
+STAGES: dict[str, type[Stage]] = {"maxwell": Maxwell, "bend": Bend, **CAUSES}
 """Every stage that a model file may name."""
 
 

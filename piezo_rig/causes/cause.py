@@ -14,7 +14,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from piezo_rig.chain.branches import Branches, Law
+from piezo_rig.chain.branches import Branches, Law, Reaching
 from piezo_rig.chain.half_loops import HalfLoops
 from piezo_rig.chain.model import Model
 from piezo_rig.chain.stage import Parameter, Signal, Stage
@@ -58,6 +58,7 @@ class Cause(Stage):
         would not show at that size cannot be looked for in the data at hand
     law : what (in the words of a diagnosis' dictionary) a wrong form of its assumed law would
         depend on, and by which share of the effect's size each term may be off
+    given : parameters that come with the form of an example and are not fitted
     needs_speeds : it can be told from the model's own loop only where half loops differ in speed
     needs_first_rise : it can show only where the data hold a first rise from rest
     """
@@ -66,6 +67,7 @@ class Cause(Stage):
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {}
     largest: ClassVar[float] = 30.0
     law: ClassVar[tuple[tuple[str, ...], float]] = ((), 0.0)
+    given: ClassVar[tuple[str, ...]] = ()
     needs_speeds: ClassVar[bool] = False
     needs_first_rise: ClassVar[bool] = False
 
@@ -127,7 +129,9 @@ class FirstSpring(Cause):
 
     place = "actuator"
     units: ClassVar[Mapping[str, str]] = {"slope": "V/um/V", "offset": "V/um"}
-    optional: ClassVar[Mapping[str, str]] = {"reach": "um"}
+    optional: ClassVar[Mapping[str, str]] = {"reach": "um", "closing": "1"}
+    given: ClassVar[tuple[str, ...]] = ("closing",)
+    closings: ClassVar[tuple[float, ...]] = (0.0,)
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {"reach": (1e-6, np.inf)}
 
     @staticmethod
@@ -145,8 +149,9 @@ class FirstSpring(Cause):
     def variants(cls, context: Context) -> list[list[Stage]]:
         size = 0.01 * context.span_v / context.travel_um
         return [
-            [cls.of(None, slope=size / context.span_v, offset=0.0, reach=reach)]
+            [cls.of(None, slope=size / context.span_v, offset=0.0, reach=reach, closing=closing)]
             for reach in reaches(context)
+            for closing in cls.closings
         ]
 
 
@@ -158,5 +163,7 @@ def reaches(context: Context) -> list[float]:
 def reaching(stage: Stage, branches: Branches, law: Law) -> Branches:
     """A law on the first element, or up to the stage's own ``reach`` where it has one."""
     if "reach" in stage.parameters:
-        return replace(branches, reaching=(*branches.reaching, (stage["reach"], law)))
+        closing = stage["closing"] if "closing" in stage.parameters else 0.0
+        own = Reaching(stage["reach"], law, closing)
+        return replace(branches, reaching=(*branches.reaching, own))
     return replace(branches, laws=(*branches.laws, law))

@@ -19,7 +19,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from piezo_rig.causes.cause import Cause, Context
+from piezo_rig.causes.cause import Cause, Context, FloatArray
 from piezo_rig.chain.stage import Signal, Stage
 
 TIMES_S = np.logspace(-2.0, 3.0, 11)
@@ -48,6 +48,13 @@ class Creep(Cause):
         time = np.ascontiguousarray(signal.time_s)
         crept = relaxed(time, x, TIMES_S, self["rate_per_decade"] * _weights())
         return signal.with_(displacement_um=x + crept)
+
+    def carry(self, signal: Signal, changes: FloatArray) -> FloatArray:
+        from piezo_rig.chain.relaxation import relaxed_rows
+
+        time = np.ascontiguousarray(signal.time_s)
+        weights = self["rate_per_decade"] * _weights()
+        return changes + relaxed_rows(time, np.ascontiguousarray(changes), TIMES_S, weights)
 
     @classmethod
     def trials(cls, context: Context) -> list[Stage]:

@@ -34,7 +34,8 @@ class DirectionAsymmetry(Cause):
     law: ClassVar[tuple[tuple[str, ...], float]] = (("direction", "drive+direction"), 0.1)
     units: ClassVar[Mapping[str, str]] = {"ratio": "1"}
     neutral: ClassVar[Mapping[str, float]] = {"ratio": 1.0}
-    optional: ClassVar[Mapping[str, str]] = {"reach": "um"}
+    optional: ClassVar[Mapping[str, str]] = {"reach": "um", "closing": "1"}
+    given: ClassVar[tuple[str, ...]] = ("closing",)
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {
         "ratio": (0.2, 5.0),
         "reach": (1e-6, np.inf),
@@ -60,4 +61,8 @@ class DirectionAsymmetry(Cause):
 
     @classmethod
     def variants(cls, context: Context) -> list[list[Stage]]:
-        return [[cls.of(None, ratio=1.01, reach=reach)] for reach in reaches(context)]
+        return [
+            [cls.of(None, ratio=1.01, reach=reach, closing=closing)]
+            for reach in reaches(context)
+            for closing in (0.0, 1.0)
+        ]

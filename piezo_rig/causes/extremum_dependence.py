@@ -28,6 +28,8 @@ class ExtremumDependence(FirstSpring):
         0.1,
     )
 
+    closings: ClassVar[tuple[float, ...]] = (0.0, 1.0)
+
     @staticmethod
     def history(loops: HalfLoops) -> FloatArray:
         return loops.extremum_v

@@ -63,6 +63,23 @@ class Bands:
 
 
 @dataclass(frozen=True, eq=False)
+class Reaching:
+    """A law for every slope up to a reach, wherever the table's first element gives way.
+
+    Attributes
+    ----------
+    reach_um : displacement after the turning point
+    law : as in `Branches.laws`
+    closing : share of the volts that the law adds up to the reach which is taken back until
+        twice the reach; with 1 a loop closes although its two half loops differ
+    """
+
+    reach_um: float
+    law: Law
+    closing: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
 class Branches:
     """What the kernel needs to know of an actuator.
 
@@ -73,8 +90,7 @@ class Branches:
     first_break_um : displacement after a turning point at which the first element gives way
     rest : the later branch after that, over the volts since
     laws : applied to the first slope in this order
-    reaching : pairs (reach in um, law): laws that hold up to a reach of their own, for every
-        slope before it, wherever the table's first element gives way
+    reaching : laws that hold up to a reach of their own
     """
 
     initiation: Curve
@@ -82,7 +98,7 @@ class Branches:
     first_break_um: float
     rest: Curve
     laws: tuple[Law, ...] = field(default=())
-    reaching: tuple[tuple[float, Law], ...] = field(default=())
+    reaching: tuple[Reaching, ...] = field(default=())
 
     @classmethod
     def of(cls, later: Elements, initiation: Elements | None = None) -> Branches:
@@ -114,23 +130,30 @@ class Branches:
         first = self.first_slopes(loops)
         if not self.reaching:
             return Bands((self.first_break_um * first)[:, None], first[:, None], self.rest)
-        widths = np.diff(self.rest.knots_v, prepend=0.0)
+        volts = np.diff(self.rest.knots_v, prepend=0.0)
         ends = self.first_break_um + np.cumsum(
-            np.append(0.0, widths * self.rest.compliance_um_per_v[: widths.size])
+            np.append(0.0, volts * self.rest.compliance_um_per_v[: volts.size])
         )
         later = 1.0 / self.rest.compliance_um_per_v
-        reaches = np.array([reach for reach, _ in self.reaching])
+        reaches = [r.reach_um for r in self.reaching]
+        reaches += [2.0 * r.reach_um for r in self.reaching if r.closing]
         breaks = np.unique(np.concatenate([ends, reaches]))
-        early = breaks[breaks <= reaches.max()]
+        early = breaks[breaks <= max(reaches)]
+        widths = np.diff(early, prepend=0.0)
         # slope of each early band before any spring is added; its middle says which one it was
-        middle = early - 0.5 * np.diff(early, prepend=0.0)
+        middle = early - 0.5 * widths
         which = np.searchsorted(ends, middle)
         slopes = np.where(which == 0, first[:, None], np.append(np.nan, later)[which][None, :])
-        for reach, law in self.reaching:
-            for band in np.flatnonzero(early <= reach):
-                slopes[:, band] = law(slopes[:, band], loops)
+        for r in self.reaching:
+            added = np.zeros(len(loops))
+            for band in np.flatnonzero(early <= r.reach_um):
+                after = r.law(slopes[:, band], loops)
+                added += (after - slopes[:, band]) * widths[band]
+                slopes[:, band] = after
+            back = (early > r.reach_um) & (early <= 2.0 * r.reach_um)
+            slopes[:, back] -= (r.closing / r.reach_um * added)[:, None]
         _positive(slopes.min(axis=1), loops)
-        knots = np.cumsum(slopes * np.diff(early, prepend=0.0), axis=1)
+        knots = np.cumsum(slopes * widths, axis=1)
         if not np.isfinite(self.first_break_um):
             return Bands(knots, slopes, Curve(np.empty(0), 1.0 / first[:1]))
         left = ends[ends > early[-1]]

@@ -56,6 +56,10 @@ class Model:
         after = [s for s in kept if PLACES.index(s.place) > PLACES.index(stage.place)]
         return self.with_(stages=(*kept[: len(kept) - len(after)], stage, *after))
 
+    def without(self, id: str) -> Model:
+        """The model less one stage."""
+        return self.with_(stages=tuple(s for s in self.stages if s.id != id))
+
     def branches(self) -> Branches:
         """The kernel's branches after every stage has shaped them."""
         branches = self.maxwell.branches()
@@ -87,8 +91,10 @@ class Model:
         ----------
         time_s, drive_v : shape (n,)
         history : ``virgin``: the memory is empty at the first sample. ``unknown`` and
-            ``carried``: the drive is taken to have been played once before from a virgin
-            start, so that its largest excursion is remembered already.
+            ``carried`` (from what was played before and is not given here): the drive is
+            taken to have been played once before from a virgin start, so that its largest
+            excursion is remembered already. Sweeps that carry on from each other are
+            simulated as one drive.
         free_end : leave sensor and acquisition stages out
 
         Returns

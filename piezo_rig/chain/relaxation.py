@@ -60,3 +60,35 @@ def relaxed(time, x, taus, weights):
             total += weights[k] * q[k]
         out[n] = total
     return out
+
+
+@numba.njit(cache=True)
+def relaxed_rows(time, rows, taus, weights):
+    """`relaxed` of many signals at once, shape (k, n)."""
+    k, n = rows.shape
+    x = np.ascontiguousarray(rows.T)
+    out = np.zeros((n, k))
+    q = np.zeros((taus.size, k))
+    known = -1.0
+    decay = np.zeros(taus.size)
+    hold = np.zeros(taus.size)
+    for i in range(1, n):
+        step = time[i] - time[i - 1]
+        if step > 0.0:
+            if step != known:
+                known = step
+                for j in range(taus.size):
+                    decay[j] = math.exp(-step / taus[j])
+                    # weight of the straight piece's begin: see `lagged`
+                    hold[j] = taus[j] / step * (1.0 - decay[j])
+            for j in range(taus.size):
+                a = decay[j]
+                b = 1.0 - hold[j]
+                c = hold[j] - a
+                for m in range(k):
+                    q[j, m] = a * q[j, m] + b * (x[i, m] - x[0, m]) + c * (x[i - 1, m] - x[0, m])
+        for j in range(taus.size):
+            w = weights[j]
+            for m in range(k):
+                out[i, m] += w * q[j, m]
+    return np.ascontiguousarray(out.T)

@@ -58,6 +58,7 @@ class Stage:
     locked_to : ``drive`` (repeats with the drive) or ``clock`` (left out of simulations)
     units : its parameters and their units, in order
     optional : parameters that a stage may do without
+    linear : parameters that the displacement is linear in, fitted with the element tables
     neutral : values at which it does nothing, where that is not 0
     has_elements : whether it carries an element table
     """
@@ -68,6 +69,7 @@ class Stage:
     units: ClassVar[Mapping[str, str]] = {}
     optional: ClassVar[Mapping[str, str]] = {}
     neutral: ClassVar[Mapping[str, float]] = {}
+    linear: ClassVar[tuple[str, ...]] = ()
     has_elements: ClassVar[bool] = False
 
     parameters: dict[str, Parameter] = field(default_factory=dict)
@@ -95,6 +97,16 @@ class Stage:
     def act(self, signal: Signal) -> Signal:
         """What the stage makes of the signal at its place."""
         return signal
+
+    def carry(self, signal: Signal, changes: FloatArray) -> FloatArray:
+        """What the stage makes of small changes (k, n) of the displacement of a signal."""
+        plain, out = self.act(signal).displacement_um, np.empty_like(changes)
+        size = 1e-3 * float(np.ptp(signal.displacement_um))
+        for k, change in enumerate(changes):
+            step = size / max(float(np.ptp(change)), 1e-30)
+            moved = signal.with_(displacement_um=signal.displacement_um + step * change)
+            out[k] = (self.act(moved).displacement_um - plain) / step
+        return out
 
     def check(self) -> None:
         """Raise InputError when the stage's numbers cannot be right."""

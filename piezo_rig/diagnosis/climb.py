@@ -17,18 +17,24 @@ from scipy import stats
 from piezo_rig.causes import CAUSES
 from piezo_rig.causes.cause import Cause, Context
 from piezo_rig.chain import Model, Stage
+from piezo_rig.chain.bend import Bend
+from piezo_rig.diagnosis import dictionary
 from piezo_rig.diagnosis.fit import Point
 from piezo_rig.diagnosis.likelihood import Likelihood, Reduced, reduce
-from piezo_rig.diagnosis.refit import Fitted, covariance_of, refit
+from piezo_rig.diagnosis.refit import Fitted, covariance_of, refit, settle
 from piezo_rig.diagnosis.space import Space
 from piezo_rig.errors import InputError
 
 FloatArray = NDArray[np.float64]
 LEVEL = 0.01
-MOST = 6  # findings
+MOST = 8  # findings
 CLOSE, RUN_OFF = 0.4, 4  # share of the best score, and how many are refitted to compare
-NEEDED = 1e-4  # a member must differ from nothing at this level
-WORSE = 1.001  # held-out error may rise by this
+DIFFERENT = 1e-4  # a member must differ from nothing at this level
+NEEDED = 3.0  # log-likelihood that decides between models
+EXCHANGES = 3
+WORSE = 1.02  # the error on what was not fitted may rise by this
+BEND = Bend.id
+FINER = 2.0 ** np.linspace(-0.75, 0.75, 13)  # of a reach
 VISIBLE = 3.0  # d' that the largest plausible size must reach, or the cause is not looked for
 Tell = Callable[[str], None]
 
@@ -60,7 +66,8 @@ class Scan:
     Attributes
     ----------
     ids : the causes that were tried
-    ratio, p_family : shape (c,)
+    ratio, p_family, excess, null_median : shape (c,); log-likelihood ratio, its family-wise
+        chance, what it exceeds twice the nulls' median by, and that median
     refused : cause -> why it was not tried
     """
 
@@ -68,8 +75,8 @@ class Scan:
     ratio: FloatArray
     p_family: FloatArray
     excess: FloatArray
+    null_median: FloatArray
     refused: dict[str, str]
-    unexplained: tuple[float, float] = (0.0, 1.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,9 +150,25 @@ def _several_speeds(context: Context) -> bool:
     return bool(high > 1.5 * low)
 
 
+@dataclass(frozen=True, eq=False)
+class Found:
+    """A scan with what is needed to take a cause in.
+
+    Attributes
+    ----------
+    candidates : in the order of ``result.ids``
+    chosen : cause -> columns and examples of its best form
+    """
+
+    result: Scan
+    candidates: list[Candidate]
+    likelihood: Likelihood
+    chosen: dict[str, tuple[list[int], tuple[Stage, ...]]]
+
+
 def scan(
     space: Space, fitted: Fitted, rng: np.random.Generator, barred: dict[str, str] | None = None
-) -> tuple[Scan, list[Candidate], Likelihood, dict[str, tuple[list[int], tuple[Stage, ...]]]]:
+) -> Found:
     """Score every cause against the fitted model."""
     found, refused = candidates(space, fitted.point.model)
     refused |= barred or {}
@@ -169,21 +192,33 @@ def scan(
     owners = [i for i, c in enumerate(kept) for _ in where[c.id]]
     if not kept:
         empty = np.zeros(0)
-        return Scan((), empty, empty, empty, refused), kept, likelihood, {}
+        return Found(Scan((), empty, empty, empty, empty, refused), kept, likelihood, {})
     scored = likelihood.score(hypotheses, owners, rng)
-    family = np.minimum(scored.p_value * len(kept), 1.0)
     result = Scan(
         tuple(c.id for c in kept),
         scored.ratio,
-        family,
+        np.minimum(scored.p_value * len(kept), 1.0),
         scored.ratio - 2.0 * scored.null_median,
+        scored.null_median,
         refused,
     )
     forms = [form for c in kept for form in c.variants]
     chosen = {
         c.id: (hypotheses[scored.chosen[i]], forms[scored.chosen[i]]) for i, c in enumerate(kept)
     }
-    return result, kept, likelihood, chosen
+    return Found(result, kept, likelihood, chosen)
+
+
+def score_powers(
+    space: Space, fitted: Fitted, rng: np.random.Generator
+) -> tuple[float, float]:
+    """Log-likelihood gained by a memoryless bend, and its chance."""
+    linear = space.linear(fitted.point)
+    lay = linear.layout
+    n = len(dictionary.POWERS)
+    reduced = reduce(linear, free=range(lay.base, lay.base + n))
+    scored = Likelihood(reduced).score([range(-n, 0)], [0], rng)
+    return float(scored.ratio[0]), float(scored.p_value[0])
 
 
 def _visible(reduced: Reduced, columns: list[int]) -> float:
@@ -200,6 +235,8 @@ def extended(
     trials: Sequence[Stage],
 ) -> Point:
     """The point with a cause put in at the size that the linear fit gives it."""
+    if all("reach" in t.parameters for t in trials):
+        columns, likelihood, trials = _finer(space, fitted, trials)
     reduced = likelihood.reduced
     scales = likelihood.best_scales(columns)
     sigma = covariance_of(reduced, scales)
@@ -214,6 +251,8 @@ def extended(
     stage = kind.begun(trials, shares)
     sizes = list(fitted.point.sizes)
     for name in stage.parameters:
+        if name in kind.given:
+            continue
         rest = kind.neutral.get(name, 0.0)
         moved = max(abs(t[name] - rest) for t in trials)
         if moved > 0:
@@ -221,157 +260,243 @@ def extended(
     return Point(fitted.point.model.with_stage(stage), fitted.point.fixed, tuple(sizes))
 
 
+def _finer(
+    space: Space, fitted: Fitted, trials: Sequence[Stage]
+) -> tuple[list[int], Likelihood, Sequence[Stage]]:
+    """The form with the likeliest reach: it matters much, and has many local optima."""
+    model, n = fitted.point.model, len(trials)
+    forms = [[t.with_values(reach=t["reach"] * f) for t in trials] for f in FINER]
+    pairs = [(model, model.with_stage(t)) for form in forms for t in form]
+    likelihood = Likelihood(reduce(space.linear(fitted.point, pairs)))
+    sets = [list(range(k * n, (k + 1) * n)) for k in range(len(forms))]
+    worth = [likelihood.evidence(columns) for columns in sets]
+    best = int(np.argmax(worth))
+    return sets[best], likelihood, forms[best]
+
+
 def climb(
     space: Space,
     first: Fitted,
     rng: np.random.Generator,
     tell: Tell,
-    held_out: Callable[[Fitted], float],
+    carries_over: Callable[[Fitted], float],
     others: int = 0,
 ) -> Ladder:
-    """Forward selection from a fitted baseline.
+    """Forward selection from a fitted baseline, with exchanges at the end.
 
-    Among causes that are about as likely the one that predicts held-out data best is taken; one
-    that predicts them worse than the model without it is refused.
+    Causes that are about as likely are refitted, and the most likely refit is taken; one that
+    predicts what it was not fitted to worse than the model without it is refused.
 
     Parameters
     ----------
-    held_out : rms error of a rung on data that its refits did not see
+    carries_over : rms error of a rung on parts of the data that its refits did not see
     others : causes that were tried elsewhere (on the raw recordings), for the correction
     """
-    fitted = first
-    steps: list[Step] = []
-    scans: list[Scan] = []
-    barred: dict[str, str] = {}
-    error = held_out(first)
-    while len(steps) < MOST:
-        tell(f"scan {len(scans) + 1}")
-        result, found, likelihood, chosen = scan(space, fitted, rng, barred)
-        scans.append(result)
-        if not result.ids:
+    search = _Search(space, first, rng, tell, carries_over, others)
+    search.forward()
+    for _ in range(EXCHANGES):
+        if not search.exchange():
             break
-        family = np.minimum(result.p_family * (len(result.ids) + others) / len(result.ids), 1.0)
-        good = np.flatnonzero(family < LEVEL)
-        if good.size == 0:
-            break
+        search.forward()
+    return Ladder(first, tuple(search.rungs()), tuple(search.scans))
+
+
+@dataclass(eq=False)
+class _Search:
+    space: Space
+    first: Fitted
+    rng: np.random.Generator
+    tell: Tell
+    carries_over: Callable[[Fitted], float]
+    others: int
+    steps: list[Step] = field(default_factory=list)
+    scans: list[Scan] = field(default_factory=list)
+    barred: dict[str, str] = field(default_factory=dict)
+    rearranged: bool = False
+
+    @property
+    def fitted(self) -> Fitted:
+        return self.steps[-1].fitted if self.steps else self.first
+
+    @property
+    def causes(self) -> list[str]:
+        return [s.cause for s in self.steps if s.cause != BEND]
+
+    def forward(self) -> None:
+        """Take in what the data ask for, one after the other."""
+        while len(self.causes) < MOST:
+            self.tell(f"scan {len(self.scans) + 1}")
+            here = self.fitted
+            settle(self.space, here.point)
+            found = scan(self.space, here, self.rng, self.barred)
+            result = found.result
+            self.scans.append(result)
+            family = self.family(result)
+            good = np.flatnonzero(family < LEVEL) if family.size else np.empty(0, int)
+            best = float(result.ratio[good].max()) if good.size else 0.0
+            if self.bend(here, best):
+                continue
+            if good.size == 0 or not self.take(here, found, good, family):
+                return
+
+    def family(self, result: Scan) -> FloatArray:
+        tried = len(result.ids)
+        return np.minimum(result.p_family * (tried + self.others) / max(tried, 1), 1.0)
+
+    def bend(self, here: Fitted, best: float) -> bool:
+        """Take a memoryless bend into the base where it says more than any cause does."""
+        model = here.point.model
+        if here.point.fixed or model.stage(BEND) is not None:
+            return False
+        ratio, p = score_powers(self.space, here, self.rng)
+        if p > LEVEL or ratio <= best:
+            return False
+        self.tell("bend")
+        scales = self.space.scales
+        bent = model.with_stage(Bend.none(scales.low_v, scales.span_v))
+        fitted = refit(self.space, Point(bent, False, here.point.sizes))
+        self.steps.append(Step(BEND, p, fitted))
+        return True
+
+    def take(
+        self, here: Fitted, found: Found, good: NDArray[np.int64], family: FloatArray
+    ) -> bool:
+        """Refit with the likeliest causes and keep the best; False where none can be kept."""
+        result = found.result
         order = good[np.argsort(-result.excess[good])]
         close = [i for i in order if result.excess[i] >= CLOSE * result.excess[order[0]]][:RUN_OFF]
-        trials: list[tuple[float, int, Fitted]] = []
+        tried: list[tuple[float, int, Fitted]] = []
         for i in close:
-            candidate = found[i]
-            tell(f"refit with {candidate.id}")
-            columns, form = chosen[candidate.id]
-            try:
-                point = extended(space, fitted, candidate, columns, likelihood, form)
-                tried = _tried(space, point, candidate.id)
-            except InputError:  # it cannot even be played at the size that the data ask for
-                tried = None
-            if tried is None:
-                barred[candidate.id] = (
-                    "once refitted it came out at a limit, or no different from nothing"
-                )
+            fitted = self.refitted(here, found, int(i))
+            if fitted is not None:
+                worth = fitted.evidence - here.evidence - 2.0 * result.null_median[i]
+                tried.append((worth, int(i), fitted))
+        error = self.carries_over(here)
+        for worth, i, fitted in sorted(tried, key=lambda t: -t[0]):
+            id = result.ids[i]
+            if worth <= 0.0:
+                self.barred[id] = "once refitted it says no more than the model without it"
                 continue
-            value = held_out(tried)
+            value = self.carries_over(fitted)
             if value > WORSE * error:
-                barred[candidate.id] = (
+                self.barred[id] = (
                     f"fits, but predicts data that it has not seen worse ({value:.3g} nm "
                     f"against {error:.3g} nm)"
                 )
                 continue
-            trials.append((value, int(i), tried))
-        space.first_rise = any(s.has_elements and s.id != "maxwell"
-                               for s in fitted.point.model.stages)  # fmt: skip
-        if not trials:
-            continue
-        before, before_error = fitted, error
-        error, best, fitted = min(trials, key=lambda t: t[0])
-        space.first_rise = any(s.has_elements and s.id != "maxwell"
-                               for s in fitted.point.model.stages)  # fmt: skip
-        space.prepare(fitted.point.model)
-        space.law = laws_of(space, fitted.point.model)
-        steps.append(Step(found[best].id, float(family[best]), fitted))
-        needless = _needless(fitted, [s.cause for s in steps[:-1]])
-        if needless:
-            tell(f"refit without {needless}")
-            swapped = refit(space, _less(fitted.point, needless))
-            value = held_out(swapped)
-            new = steps.pop()
-            if value < before_error:
-                barred[needless] = f"not needed beside {new.cause}, which does the same"
-                steps = [s for s in steps if s.cause != needless]
-                steps.append(Step(new.cause, new.p_value, swapped))
-                error, fitted = value, swapped
-            else:
-                barred[new.cause] = f"not needed beside {needless}, which does the same"
-                error, fitted = before_error, before
-            space.law = laws_of(space, fitted.point.model)
-            space.prepare(fitted.point.model)
-    return Ladder(first, tuple(steps), tuple(scans))
+            self.steps.append(Step(id, float(family[i]), fitted))
+            self.prune()
+            return True
+        return bool(close)
+
+    def refitted(self, here: Fitted, found: Found, i: int) -> Fitted | None:
+        """The model with a cause put in; None where that comes to nothing."""
+        candidate = found.candidates[i]
+        self.tell(f"refit with {candidate.id}")
+        columns, form = found.chosen[candidate.id]
+        try:
+            settle(self.space, here.point)
+            point = extended(self.space, here, candidate, columns, found.likelihood, form)
+            fitted = refit(self.space, point)
+        except InputError:  # it cannot even be played at the size that the data ask for
+            fitted = None
+        if fitted is None or _does_nothing(fitted.point, candidate.id) or (
+            _needless(fitted, [candidate.id]) is not None
+        ):  # fmt: skip
+            self.barred[candidate.id] = (
+                "once refitted it came out at a limit, or no different from nothing"
+            )
+            return None
+        return fitted
+
+    def prune(self) -> None:
+        """Drop an earlier member that the newest one has made needless."""
+        new = self.steps[-1]
+        needless = _needless(new.fitted, [c for c in self.causes if c != new.cause])
+        if needless is None:
+            return
+        self.tell(f"refit without {needless}")
+        less = refit(self.space, _less(new.fitted.point, needless))
+        if less.evidence < new.fitted.evidence - NEEDED:
+            return
+        self.barred[needless] = f"not needed beside {new.cause}, which does the same"
+        self.steps = [s for s in self.steps if s.cause != needless]
+        self.steps[-1] = Step(new.cause, new.p_value, less)
+        self.rearranged = True
+
+    def exchange(self) -> bool:
+        """Put a rival in a member's place where the data like that better."""
+        if len(self.causes) < 2:
+            return False
+        full = self.fitted
+        for member in self.causes:
+            self.tell(f"exchange {member}")
+            less = refit(self.space, _less(full.point, member))
+            found = scan(self.space, less, self.rng, {})
+            result = found.result
+            if member not in result.ids:
+                continue
+            own = result.excess[result.ids.index(member)]
+            order = np.argsort(-result.excess)[:2]
+            for i in order:
+                id = result.ids[i]
+                if id == member or result.excess[i] < 0.9 * own:
+                    continue
+                rival = self.refitted(less, found, int(i))
+                if rival is None or rival.evidence < full.evidence + NEEDED:
+                    continue
+                if self.carries_over(rival) > WORSE * self.carries_over(full):
+                    continue
+                p = float(self.family(result)[i])
+                self.barred = {id: why for id, why in self.barred.items() if id != result.ids[i]}
+                self.steps = [
+                    Step(id if s.cause == member else s.cause,
+                         p if s.cause == member else s.p_value, s.fitted) for s in self.steps
+                ]  # fmt: skip
+                self.steps[-1] = Step(self.steps[-1].cause, self.steps[-1].p_value, rival)
+                self.rearranged = True
+                return True
+        return False
+
+    def rungs(self) -> list[Step]:
+        """The steps, each fitted with those before it; made anew where members have changed."""
+        if not self.rearranged:
+            return self.steps
+        out, members = [], [s.cause for s in self.steps]
+        for k, step in enumerate(self.steps[:-1]):
+            self.tell(f"refit up to {step.cause}")
+            point = self.steps[-1].fitted.point
+            for id in members[k + 1 :]:
+                point = _less(point, id)
+            out.append(Step(step.cause, step.p_value, refit(self.space, point)))
+        return [*out, self.steps[-1]]
 
 
 def _needless(fitted: Fitted, causes: list[str]) -> str | None:
-    """An earlier member whose parameters are no longer different from doing nothing."""
+    """A member whose parameters are not different from doing nothing."""
     values = fitted.point.values()[fitted.point.linear :]
     for cause in causes:
         kind = CAUSES[cause]
         index = [
             j
             for j, (id, name) in enumerate(fitted.point.names)
-            if id == cause and name not in getattr(kind, "priors", {})
+            if id == cause
+            and name not in getattr(kind, "priors", {})
+            and name not in getattr(kind, "optional", {})
         ]
         if not index:
             continue
         off = values[index] - [kind.neutral.get(fitted.point.names[j][1], 0.0) for j in index]
         covariance = fitted.covariance[np.ix_(index, index)]
         distance = float(off @ np.linalg.solve(covariance, off))
-        if distance < stats.chi2.isf(NEEDED, len(index)):
+        if distance < stats.chi2.isf(DIFFERENT, len(index)):
             return cause
     return None
 
 
 def _less(point: Point, cause: str) -> Point:
     sizes = tuple(s for s in point.sizes if s[0] != cause)
-    return Point(without(point.model, cause), point.fixed, sizes)
-
-
-def _tried(space: Space, point: Point, id: str) -> Fitted | None:
-    """The refitted point; None where the cause came out as doing nothing."""
-    space.first_rise = any(s.has_elements and s.id != "maxwell" for s in point.model.stages)
-    fitted = refit(space, point)
-    if _does_nothing(fitted.point, id):
-        return None
-    before = space.law
-    space.law = laws_of(space, fitted.point.model)
-    if np.any(space.law > 0):
-        fitted = refit(space, fitted.point, steps=2)
-    space.law = before
-    return None if _needless(fitted, [id]) else fitted
-
-
-def without(model: Model, id: str) -> Model:
-    """The model less one stage."""
-    return model.with_(stages=tuple(s for s in model.stages if s.id != id))
-
-
-def laws_of(space: Space, model: Model) -> FloatArray:
-    """Variance of every dictionary column that the accepted causes' assumed laws leave open."""
-    out = np.zeros(len(space.tags))
-    for stage in model.stages:
-        if not isinstance(stage, Cause) or not stage.law[0]:
-            continue
-        tags, share = stage.law
-        less = without(model, stage.id)
-        square = count = 0.0
-        for g in space.groups.groups:
-            change = g.predicted(model) - g.predicted(less)
-            for a, b in g.blocks:
-                square += float(np.sum((change[a:b] - change[a:b].mean()) ** 2))
-                count += b - a
-        size = share * np.sqrt(square / count)
-        for k, tag in enumerate(space.tags):
-            if tag in tags:
-                out[k] += size**2
-    return out
+    return Point(point.model.without(cause), point.fixed, sizes)
 
 
 def _does_nothing(point: Point, id: str) -> bool:

@@ -11,7 +11,7 @@ from scipy.linalg import cholesky, solve_triangular
 from piezo_rig.causes import CAUSES
 from piezo_rig.causes.cause import Cause
 from piezo_rig.chain import Model
-from piezo_rig.diagnosis.climb import candidates, without
+from piezo_rig.diagnosis.climb import candidates
 from piezo_rig.diagnosis.likelihood import reduce
 from piezo_rig.diagnosis.refit import Fitted, covariance_of
 from piezo_rig.diagnosis.space import Space
@@ -48,7 +48,7 @@ def confusion(space: Space, fitted: Fitted, cause: str) -> Confusion:
     what its assumed law leaves open is in the covariance.
     """
     model = fitted.point.model
-    less = without(model, cause)
+    less = model.without(cause)
     pairs: list[tuple[Model, Model]] = [(less, model)]
     found, _ = candidates(space, less)
     columns: dict[str, list[list[int]]] = {}

@@ -13,14 +13,14 @@ from piezo_rig.causes.cause import Cause, FirstSpring
 from piezo_rig.chain import Model, Parameter
 from piezo_rig.diagnosis import engine
 from piezo_rig.diagnosis.checks import baseline_warnings, data_warnings
-from piezo_rig.diagnosis.climb import LEVEL, Ladder, climb, without
+from piezo_rig.diagnosis.climb import BEND, LEVEL, Ladder, climb
 from piezo_rig.diagnosis.confusion import Confusion, confusion
 from piezo_rig.diagnosis.fit import Point, starting_model
 from piezo_rig.diagnosis.follow_up import FollowUp, follow_up
 from piezo_rig.diagnosis.groups import Groups, group_tracks
-from piezo_rig.diagnosis.held_out import Errors, gain, held_out_errors
+from piezo_rig.diagnosis.held_out import Errors, gain, held_out_errors, reported_kind
 from piezo_rig.diagnosis.hum import find_hum
-from piezo_rig.diagnosis.refit import Fitted, refit
+from piezo_rig.diagnosis.refit import Fitted, refit, settle
 from piezo_rig.diagnosis.space import Space
 from piezo_rig.diagnosis.spikes import find_spikes, noise_floor_nm
 from piezo_rig.diagnosis.unexplained import Unexplained, unexplained
@@ -47,11 +47,12 @@ class Finding:
 
 @dataclass(frozen=True, eq=False)
 class Rung:
-    """One step of the ladder: what was added, and the errors with it."""
+    """One step of the ladder: what was added, and the errors with it, held out."""
 
     added: str
     rms_nm: float
     max_percent: float
+    finding: int | None = None  # which finding it is; none for the baseline and its bend
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,6 +71,7 @@ class Diagnosis:
     unexplained: Unexplained
     follow_up: FollowUp | None
     model: Model
+    rung_models: list[Model]
     notes: list[str] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
     refused: dict[str, str] = field(default_factory=dict)
@@ -127,15 +129,22 @@ def diagnose(
         notes.append("no repeats: the noise is estimated from what a generous model leaves, and "
                      "the noise floor is not known")  # fmt: skip
         spectrum = engine.generous_spectrum(_bare_space(clean), start.point, rng)
-    space, kind = engine.space_of(clean, spectrum, start.point.model)
+    space, folds = engine.space_of(clean, spectrum, start.point.model)
     first = refit(space, start.point)
 
-    def score(fitted: Fitted) -> float:
-        return held_out_errors(clean, space.pieces, fitted, kind).rms_nm
+    def carries_over(fitted: Fitted) -> float:
+        return held_out_errors(space, fitted, folds).rms_nm
 
-    ladder = climb(space, first, rng, tell, score, others=tried)
+    ladder = climb(space, first, rng, tell, carries_over, others=tried)
     tell("held out")
-    rungs, gains = _rungs(raw, stages, clean, space, kind, start, ladder, rng, baseline)
+    kind = reported_kind(clean, folds)
+    rungs, gains = _rungs(raw, stages, space, kind, ladder, rng, baseline)
+    if kind != folds and folds in ("condition", "sweep"):
+        ends = carries_over(ladder.first), carries_over(ladder.last)
+        notes.append(
+            f"on conditions that were left out of the fit: {ends[0]:.4g} nm with the baseline, "
+            f"{ends[1]:.4g} nm with everything"
+        )
     findings = [
         Finding(f.cause, f.place, f.p_value, *(gains[i] if f.cause not in EVENTS else (None, None)),
                 f.parameters, f.alternatives)
@@ -143,10 +152,17 @@ def diagnose(
     ]  # fmt: skip
     tell("what can be told apart")
     last = ladder.last
+    settle(space, last.point)
     name = baseline if isinstance(baseline, str) else (baseline.name or "given model")
     model = final_model(last, name)
     confused: dict[str, Confusion] = {}
     for i, step in enumerate(ladder.steps):
+        if step.cause == BEND:
+            notes.append(
+                "the base model has a memoryless bend: the actuator's reversible strain is not "
+                "linear in the drive"
+            )
+            continue
         found = confusion(space, last, step.cause)
         confused[step.cause] = found
         value, interval = gains[len(early) + i]
@@ -166,7 +182,9 @@ def diagnose(
     return Diagnosis(
         len(sweeps), sum(s.samples for s in sweeps), raw.repeats, kind,
         recording_offsets(clean, last, sweeps), name, rungs, floor, findings, rest, advice,
-        model, notes, warnings, refused,
+        model, [*([ladder.first.point.model] * (1 + len(stages))),
+                *(s.fitted.point.model for s in ladder.steps)],
+        notes, warnings, refused,
     )  # fmt: skip
 
 
@@ -206,24 +224,25 @@ def _plain_space(groups: Groups, model: Model) -> Space:
 
 
 def _rungs(
-    raw: Groups, stages: list[tuple[str, Groups]], clean: Groups, space: Space, kind: str,
-    start: Fitted, ladder: Ladder, rng: np.random.Generator, baseline: str | Model,
+    raw: Groups, stages: list[tuple[str, Groups]], space: Space, kind: str, ladder: Ladder,
+    rng: np.random.Generator, baseline: str | Model,
 ) -> tuple[list[Rung], list[tuple[float | None, list[float] | None]]]:  # fmt: skip
     """Errors of every rung, and the gain of each against the one before."""
     name = baseline if isinstance(baseline, str) else (baseline.name or "given model")
-    errors: list[Errors] = [held_out_errors(raw, space.pieces, ladder.first, kind)]
+    errors: list[Errors] = [held_out_errors(space, ladder.first, kind, raw)]
     names = [name]
     for cause, groups in stages:
         names.append(cause)
-        errors.append(held_out_errors(raw, space.pieces, ladder.first, kind, groups))
+        errors.append(held_out_errors(space, ladder.first, kind, groups))
     for step in ladder.steps:
         names.append(step.cause)
-        errors.append(held_out_errors(clean, space.pieces, step.fitted, kind))
-    rungs = [Rung(n, e.rms_nm, e.max_percent) for n, e in zip(names, errors, strict=True)]
-    gains: list[tuple[float | None, list[float] | None]] = []
-    for before, after in pairwise(errors):
-        gains.append(gain(before, after, rng))
-    return rungs, gains
+        errors.append(held_out_errors(space, step.fitted, kind))
+    rungs, count = [], 0
+    for i, (added, e) in enumerate(zip(names, errors, strict=True)):
+        mine = i > 0 and added != BEND
+        rungs.append(Rung(added, e.rms_nm, e.max_percent, count if mine else None))
+        count += mine
+    return rungs, [gain(before, after, rng) for before, after in pairwise(errors)]
 
 
 def parameters_of(fitted: Fitted, cause: str, model: Model) -> dict[str, Parameter]:
@@ -320,4 +339,4 @@ def recording_offsets(
     return out
 
 
-__all__ = ["Diagnosis", "Finding", "diagnose", "without"]
+__all__ = ["Diagnosis", "Finding", "diagnose"]

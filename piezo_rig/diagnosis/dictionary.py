@@ -88,17 +88,11 @@ def through(model: Model, group: Group, columns: FloatArray) -> FloatArray:
     base = model.with_(stages=tuple(s for s in model.stages if s not in stages))
     moved = base.simulate(group.time_s, group.drive_v, group.history)
 
-    def seen(displacement: FloatArray) -> FloatArray:
-        signal = Signal(group.time_s, group.drive_v, displacement)
-        for stage in stages:
-            signal = stage.act(signal)
-        return signal.displacement_um
-
-    plain, out = seen(moved), np.empty_like(columns)
-    for k, column in enumerate(columns):
-        step = 1e-3 * float(np.ptp(moved)) / max(float(np.ptp(column)), 1e-30)
-        out[k] = (seen(moved + step * column) - plain) / step
-    return out
+    signal = Signal(group.time_s, group.drive_v, moved)
+    for stage in stages:
+        columns = stage.carry(signal, columns)
+        signal = stage.act(signal)
+    return columns
 
 
 def smooth(plays: FloatArray, scales: Scales, first_rise: bool) -> FloatArray:

@@ -69,9 +69,9 @@ def text(d: Diagnosis) -> list[str]:
         lines.append(f"          {name}: offset {offset:+.3f} um")
     floor = "not known (no repeats)" if d.noise_floor_nm is None else f"{d.noise_floor_nm:.2f} nm"
     lines += [f"noise     {floor}", "", "the ladder                     rms nm   max %     gain"]
-    gains: list[Finding | None] = [None, *d.findings]
-    for rung, finding in zip(d.rungs, gains, strict=True):
-        label = rung.added if finding is None else f"+ {rung.added}"
+    for i, rung in enumerate(d.rungs):
+        finding = None if rung.finding is None else d.findings[rung.finding]
+        label = rung.added if i == 0 else f"+ {rung.added}"
         line = f"  {label:<26}{rung.rms_nm:9.2f}{rung.max_percent:8.2f}"
         if finding is not None and finding.gain_percent is not None and finding.gain_ci95:
             low, high = finding.gain_ci95

@@ -40,7 +40,11 @@ def scales_of(groups: Groups) -> Scales:
 
 
 def pieces_of(groups: Groups) -> tuple[tuple[Piece, ...], str]:
-    """Pieces and what is held out together: conditions, else sweeps, else cycles."""
+    """Pieces, and what of the drive is held out together: conditions, else sweeps, else cycles.
+
+    Where every drive was recorded more than once, errors are reported for recordings that were
+    left out (`held_out.REPEATS`); these folds then only judge whether a model carries over.
+    """
     conditions = sorted({g.condition for g in groups.groups})
     pieces: list[Piece] = []
     if len(groups.groups) > 1:

@@ -18,7 +18,7 @@ from piezo_rig.chain import Elements, Maxwell, Model, Stage
 from piezo_rig.diagnosis.groups import Group, Groups
 
 FloatArray = NDArray[np.float64]
-ELEMENTS = 40
+ELEMENTS = 80
 FLOOR = 1e-3  # of the mean compliance
 STEP = 0.02  # finite differences of stage parameters, in examples
 
@@ -43,9 +43,24 @@ class Point:
         return [] if self.fixed else [s for s in self.model.stages if s.elements is not None]
 
     @property
-    def linear(self) -> int:
+    def has_first_rise(self) -> bool:
+        """Whether the model has a curve of its own for the first rise."""
+        return any(s.has_elements and s.id != "maxwell" for s in self.model.stages)
+
+    @property
+    def compliances(self) -> int:
         """How many compliances are free."""
         return sum(len(s.elements) for s in self.tables if s.elements is not None)
+
+    @property
+    def coefficients(self) -> list[tuple[str, str]]:
+        """Parameters that are fitted with the compliances: stage and name."""
+        return [] if self.fixed else [(s.id, n) for s in self.model.stages for n in s.linear]
+
+    @property
+    def linear(self) -> int:
+        """How many numbers are fitted by linear least squares."""
+        return self.compliances + len(self.coefficients)
 
     @property
     def names(self) -> list[tuple[str, str]]:
@@ -53,9 +68,9 @@ class Point:
         return [(stage, name) for stage, name, _ in self.sizes]
 
     def values(self) -> FloatArray:
-        """All free numbers: compliances of every table, then stage parameters."""
+        """All free numbers: compliances, linear coefficients, then stage parameters."""
         parts = [1.0 / s.elements.slopes for s in self.tables if s.elements is not None]
-        own = [self._stage(i)[n] for i, n in self.names]
+        own = [self._stage(i)[n] for i, n in [*self.coefficients, *self.names]]
         return np.concatenate([*parts, own])
 
     def _stage(self, id: str) -> Stage:
@@ -75,7 +90,8 @@ class Point:
                 model, type(stage)(stage.parameters, Elements.from_curve(stage.elements.knots_v, c))
             )
             at += n
-        for (id, name), value in zip(self.names, values[at:], strict=True):
+        names = [*self.coefficients, *self.names]
+        for (id, name), value in zip(names, values[at:], strict=True):
             own = model.stage(id)
             assert own is not None
             if isinstance(own, Cause) and name in own.limits:
@@ -83,13 +99,23 @@ class Point:
             model = _replaced(model, own.with_values(**{name: float(value)}))
         return Point(model, self.fixed, self.sizes)
 
+    def neighbours(self, first: int = 0) -> list[tuple[Model, float]]:
+        """For every free number from ``first`` on a model a little to its side, and how far."""
+        if first not in self._known:
+            self._known[first] = self._neighbours(first)
+        return self._known[first]
+
     @cached_property
-    def neighbours(self) -> list[tuple[Model, float]]:
-        """For every free number a model a little to its side, and how far."""
+    def _known(self) -> dict[int, list[tuple[Model, float]]]:
+        return {}
+
+    def _neighbours(self, first: int) -> list[tuple[Model, float]]:
         values, out = self.values(), []
-        for j in range(values.size):
-            if j < self.linear:
-                step = 1e-3 * float(np.mean(np.abs(values[: self.linear])))
+        for j in range(first, values.size):
+            if j < self.compliances:
+                step = 1e-3 * float(np.mean(np.abs(values[: self.compliances])))
+            elif j < self.linear:
+                step = 1e-3
             else:
                 step = STEP * self.sizes[j - self.linear][2]
             there = values.copy()
@@ -102,11 +128,12 @@ class Point:
             out.append((point.model, float(moved - values[j])))
         return out
 
-    def tangent(self, group: Group) -> tuple[FloatArray, FloatArray]:
-        """Prediction (n,) and its derivative by all free numbers (p, n), at full rate."""
+    def tangent(self, group: Group, first: int = 0) -> tuple[FloatArray, FloatArray]:
+        """Prediction (n,) and its derivative by the free numbers from ``first`` on, (p, n)."""
         base = group.predicted(self.model)
-        out = np.empty((len(self.neighbours), base.size))
-        for j, (model, step) in enumerate(self.neighbours):
+        near = self.neighbours(first)
+        out = np.empty((len(near), base.size))
+        for j, (model, step) in enumerate(near):
             np.subtract(group.predicted(model), base, out=out[j])
             out[j] /= step
         return base, out

@@ -11,7 +11,7 @@ from piezo_rig.causes import CAUSES
 from piezo_rig.causes.cause import Cause, Context
 from piezo_rig.chain import half_loops
 from piezo_rig.config import DEFAULT_RIG, load_rig
-from piezo_rig.diagnosis.climb import context_of, without
+from piezo_rig.diagnosis.climb import context_of
 from piezo_rig.diagnosis.groups import Group
 from piezo_rig.diagnosis.refit import Fitted
 from piezo_rig.diagnosis.space import Space
@@ -80,7 +80,7 @@ def _played(name: str, space: Space) -> list[Group]:
 def _cosine(groups: list[Group], fitted: Fitted, cause: str, rival: str, context: Context) -> float:
     """Cosine of two causes' signatures, every tenth of the base's tangent projected off."""
     model = fitted.point.model
-    less = without(model, cause)
+    less = model.without(cause)
     kind = CAUSES[rival]
     assert issubclass(kind, Cause)
     variants = kind.variants(replace(context, model=less))

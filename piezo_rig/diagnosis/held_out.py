@@ -14,12 +14,13 @@ from numpy.typing import NDArray
 
 from piezo_rig.diagnosis.fit import Point
 from piezo_rig.diagnosis.groups import Groups
-from piezo_rig.diagnosis.refit import Fitted, element_step, parameter_step
-from piezo_rig.diagnosis.space import Piece
+from piezo_rig.diagnosis.refit import Fitted, element_step, parameter_step, settle
+from piezo_rig.diagnosis.space import Space
 from piezo_rig.errors import InputError
 
 FloatArray = NDArray[np.float64]
 FOLDS = 12
+REPEATS = "sweep"  # every recording by a model that has not seen it
 DRAWS = 2000
 FEW, CHUNKS = 6, 10  # fewer recordings than this are cut into chunks for the interval
 FAR = 3.0  # standard errors that a fold may move a parameter
@@ -46,18 +47,22 @@ class Errors:
         return 1e3 * float(np.sqrt(self.square.sum() / self.count.sum()))
 
 
+def reported_kind(groups: Groups, kind: str) -> str:
+    """Recordings are left out where there are several of every drive, else what `engine` says."""
+    return REPEATS if all(g.repeats > 1 for g in groups.groups) else kind
+
+
 def held_out_errors(
-    groups: Groups,
-    pieces: Sequence[Piece],
-    fitted: Fitted,
-    kind: str,
-    measured: Groups | None = None,
+    space: Space, fitted: Fitted, kind: str, measured: Groups | None = None
 ) -> Errors:
     """Errors of one rung on what its refits did not see; in the fit itself where kind is none.
 
     ``measured`` : other recordings of the same groups to score on
     """
+    groups, pieces = space.groups, space.pieces
     point = fitted.point
+    if kind == REPEATS:
+        return _left_out(space, fitted, measured or groups)
     folds = sorted({p.fold for p in pieces})
     plan: list[tuple[list[int], list[int]]] = []
     if kind == "cycles":
@@ -108,18 +113,62 @@ def held_out_errors(
     )
 
 
+def _left_out(space: Space, fitted: Fitted, measured: Groups) -> Errors:
+    """Every recording scored by a model that was refitted without it."""
+    point, n = fitted.point, fitted.point.linear
+    most = space.groups.repeats
+    settle(space, point)
+    about = space.linear(point)
+    squares, counts, of, worst = [], [], [], 0.0
+    models = []
+    for k in range(most):
+        linear = space.with_residual(about, point, leave=k)
+        change = np.zeros(len(point.sizes))
+        if change.size:
+            change, _ = parameter_step(point, linear, fitted.scales)
+            change = _bounded(point, fitted, change)
+        values = point.values()
+        values[n:] += change
+        values[:n] += element_step(point, linear, None, change)
+        models.append(point.moved(values).model)
+    for g, group in enumerate(measured.groups):
+        known: dict[int, FloatArray] = {}
+        for k in range(most):
+            r = k % group.repeats
+            if k != r:
+                continue
+            try:
+                known[r] = group.predicted(models[k])
+            except InputError:
+                known[r] = group.predicted(point.model)
+            for a, b in group.blocks:
+                error = group.measured_um[r, a:b] - known[r][a:b]
+                error = error - error.mean()
+                squares.append(float(error @ error))
+                counts.append(error.size)
+                of.append(g)
+                travel = float(np.ptp(group.measured_um[r, a:b]))
+                worst = max(worst, 100.0 * float(np.max(np.abs(error))) / max(travel, 1e-12))
+    return Errors(np.array(squares), np.array(counts, float), np.array(of), worst)
+
+
+def _bounded(point: Point, fitted: Fitted, change: FloatArray) -> FloatArray:
+    """A fold's step of the parameters (q,), kept within what folds can plausibly do."""
+    spread = np.sqrt(np.diag(fitted.covariance))
+    size = np.array([s for _, _, s in point.sizes])
+    change = np.clip(change, -FAR * spread, FAR * spread)
+    return np.asarray(np.clip(change, -100.0 * size, 100.0 * size))
+
+
 def refold(point: Point, fitted: Fitted, train: Sequence[int] | None) -> Point:
     """The point refitted on some of the pieces, from the Gram matrices about the full fit."""
-    if train is None or point.fixed:
+    if train is None:
         return point
     n = point.linear
     change = np.zeros(len(point.sizes))
     if change.size:
         change, _ = parameter_step(point, fitted.linear, fitted.scales, train)
-        spread = np.sqrt(np.diag(fitted.covariance))
-        size = np.array([s for _, _, s in point.sizes])
-        change = np.clip(change, -10.0 * FAR * spread, 10.0 * FAR * spread)
-        change = np.clip(change, -100.0 * size, 100.0 * size)
+        change = _bounded(point, fitted, change)
     values = point.values()
     values[n:] += change
     values[:n] += element_step(point, fitted.linear, train, change)

@@ -220,6 +220,11 @@ class Likelihood:
         ratio = full - null
         return float(ratio[0]), tail(float(ratio[0]), ratio[1:])
 
+    def evidence(self, columns: Sequence[int] = ()) -> float:
+        """Log of the likelihood of all data with some trial columns free, scales profiled."""
+        values, _ = self._profile(self.reduced.z[:, None], columns)
+        return float(values[0]) - 0.5 * self.reduced.extra
+
     def best_scales(self, columns: Sequence[int] = ()) -> tuple[float, float]:
         """Profiled scales with some trial columns free."""
         _, at = self._profile(self.reduced.z[:, None], columns)

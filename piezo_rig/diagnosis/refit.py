@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 
 from piezo_rig.causes.cause import Cause
-from piezo_rig.chain import Stage
+from piezo_rig.chain import Model, Stage
 from piezo_rig.diagnosis.fit import Point, smoothness
 from piezo_rig.diagnosis.likelihood import Likelihood, Reduced, reduce
 from piezo_rig.diagnosis.space import Linear, Space
@@ -24,6 +24,7 @@ from piezo_rig.errors import InputError
 FloatArray = NDArray[np.float64]
 STEPS = 5
 HALVED = 8
+NEAR = 0.05  # relative step of a reach: it begins close to its best
 SETTLED = 0.05  # standard errors
 BEND = 0.05  # plausible second difference of compliances, of their mean
 TOGETHER = 50.0  # samples that count as one, for the weight of that
@@ -38,12 +39,14 @@ class Fitted:
     point, linear : the point and the Gram matrices about it
     covariance : of the stage parameters, shape (q, q)
     scales : variances of fine thresholds and dictionary
+    evidence : log of the marginal likelihood, everything but the stage parameters integrated
     """
 
     point: Point
     linear: Linear
     covariance: FloatArray
     scales: tuple[float, float]
+    evidence: float = -np.inf
 
 
 def element_step(
@@ -59,12 +62,12 @@ def element_step(
     rows = smoothness(point)[:, :n]
     count = linear.count.sum() if pieces is None else linear.count[list(pieces)].sum()
     left = raw[-1, -1] / max(count, 1.0)
-    mean = float(np.mean(np.abs(values[:n])))
+    mean = float(np.mean(np.abs(values[: point.compliances])))
     # compliances that the data do not know follow their neighbours; noise sets how softly
     weight = max(left, 1e-12 * values[:n] @ values[:n]) * TOGETHER / (BEND * mean) ** 2
     weight = min(weight, 1e3 * float(np.mean(np.diag(raw)[:n])))
     gram = raw[:n, :n] + weight * rows.T @ rows
-    gram += 1e-12 * np.trace(gram) / n * np.eye(n)
+    gram += 1e-12 * np.diag(np.diag(gram)) + 1e-300 * np.eye(n)
     right = right - weight * rows.T @ (rows @ values[:n])
     return np.asarray(np.linalg.solve(gram, right))
 
@@ -117,21 +120,21 @@ def covariance_of(reduced: Reduced, scales: tuple[float, float]) -> FloatArray:
 
 
 def refit(space: Space, point: Point, steps: int = STEPS) -> Fitted:
-    """Gauss-Newton on all free numbers from a start; scales are profiled on the way."""
-    space.prepare(point.model)
+    """Gauss-Newton on all free numbers from a start; scales are profiled on the way.
+
+    What the assumed laws of the model's causes leave open is in the covariance.
+    """
+    settle(space, point)
     linear = space.linear(point)
     scales = (0.0, 0.0)
     covariance = np.zeros((0, 0))
     n, q = point.linear, len(point.sizes)
     for step in range(steps):
-        if point.fixed:
+        if point.fixed and q == 0:
             break
         if q:
             if step in (0, 2):
-                reduced = reduce(linear, free=range(n, n + q))
-                scales = Likelihood(reduced).best_scales(
-                    range(reduced.trials.shape[1] - q, reduced.trials.shape[1])
-                )
+                scales = _likelihood(point, linear)[0].best_scales(range(-q, 0))
             change, covariance = parameter_step(point, linear, scales)
             change = _within(point, change)
         else:
@@ -140,12 +143,48 @@ def refit(space: Space, point: Point, steps: int = STEPS) -> Fitted:
         settled = bool(q == 0 or np.all(np.abs(change) <= SETTLED * np.sqrt(np.diag(covariance))))
         if step == 1 and q != 0:
             space.prepare(point.model)
+            space.law = laws_of(space, point.model)
             linear = space.linear(point)
         else:
             linear = space.with_residual(linear, point)
         if settled and step > 0:
             break
-    return Fitted(point, linear, covariance, scales)
+    likelihood, columns = _likelihood(point, linear)
+    return Fitted(point, linear, covariance, scales, likelihood.evidence(columns))
+
+
+def settle(space: Space, point: Point) -> None:
+    """Bring the columns of a space to a model, and what its assumed laws leave open."""
+    space.first_rise = point.has_first_rise
+    space.prepare(point.model)
+    space.law = laws_of(space, point.model)
+
+
+def _likelihood(point: Point, linear: Linear) -> tuple[Likelihood, range]:
+    """About a point, the stage parameters handed on as the last columns."""
+    n, q = point.linear, len(point.sizes)
+    return Likelihood(reduce(linear, free=range(n, n + q))), range(-q, 0)
+
+
+def laws_of(space: Space, model: Model) -> FloatArray:
+    """Variance of every dictionary column that the causes' assumed laws leave open, um^2."""
+    out = np.zeros(len(space.tags))
+    for stage in model.stages:
+        if not isinstance(stage, Cause) or not stage.law[0]:
+            continue
+        tags, share = stage.law
+        less = model.without(stage.id)
+        square = count = 0.0
+        for g in space.groups.groups:
+            change = g.predicted(model) - g.predicted(less)
+            for a, b in g.blocks:
+                square += float(np.sum((change[a:b] - change[a:b].mean()) ** 2))
+                count += b - a
+        size = share * np.sqrt(square / count)
+        for k, tag in enumerate(space.tags):
+            if tag in tags:
+                out[k] += size**2
+    return out
 
 
 def _moved(
@@ -180,6 +219,8 @@ def _within(point: Point, change: FloatArray) -> FloatArray:
     for j, (id, name, size) in enumerate(point.sizes):
         out[j] = np.clip(out[j], -300.0 * abs(size), 300.0 * abs(size))
         stage: Stage | None = point.model.stage(id)
+        if stage is not None and name in stage.optional:
+            out[j] = np.clip(out[j], -NEAR * abs(values[j]), NEAR * abs(values[j]))
         if isinstance(stage, Cause) and name in stage.limits:
             low, high = stage.limits[name]
             out[j] = np.clip(values[j] + out[j], low, high) - values[j]

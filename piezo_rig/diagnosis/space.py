@@ -14,13 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from piezo_rig.chain import Model, Stage
-from piezo_rig.diagnosis import dictionary
+from piezo_rig.diagnosis import basis, dictionary
 from piezo_rig.diagnosis.dictionary import Scales
 from piezo_rig.diagnosis.fit import Point
 from piezo_rig.diagnosis.groups import Group, Groups
 from piezo_rig.diagnosis.noise import Whitener
 
 FloatArray = NDArray[np.float64]
+MOST_WALKS = 200  # kept
 
 
 @dataclass(frozen=True)
@@ -99,28 +100,33 @@ class Space:
     first_rise: bool  # whether the model has an own curve for the first rise
     tags: list[str] = field(default_factory=list)
     fixed: list[Fixed] = field(default_factory=list)
+    generic: list[Fixed] = field(default_factory=list)
     counts: tuple[int, int, int] = (0, 0, 0)
     law: FloatArray = field(default_factory=lambda: np.zeros(0))
+    _walked: dict[tuple[object, ...], NDArray[np.float32]] = field(default_factory=dict)
     _made_for: tuple[object, ...] = ()
 
     def prepare(self, model: Model) -> None:
-        """Build and whiten the fixed columns; ``model`` predicts where on its way the sensor is."""
+        """Build and whiten the fixed columns; ``model`` predicts where on its way the sensor is.
+
+        The dictionary is made once. The actuator's columns go through the model's other stages,
+        and are made anew when those have changed by more than a little.
+        """
         key = (
             self.first_rise,
             *(
-                (s.id, *(round(p.value, 12) for p in s.parameters.values()))
+                (s.id, *(_rounded(p.value) for p in s.parameters.values()))
                 for s in model.stages
-                if type(s).act is not Stage.act
+                if type(s).act is not Stage.act and not s.linear
             ),
         )
         if self.fixed and key == self._made_for:
             return
         self._made_for = key
+        if not self.generic:
+            self._make_generic(model)
         self.fixed = []
         for index, group in enumerate(self.groups.groups):
-            mine = [p for p in self.pieces if p.group == index]
-            predicted = group.predicted(model)
-            f = dictionary.features(group, self.scales, predicted)
             plays = dictionary.fine(group, self.scales, self.first_rise)
             columns = np.concatenate(
                 [
@@ -129,30 +135,44 @@ class Space:
                     plays,
                 ]
             )
-            if group.blocks == ((0, group.drive_v.size),):
-                # later stages are slow or smooth: thinned columns go through them as well
-                thin = self.groups.thinned
-                short = replace(
-                    group, time_s=thin(group, group.time_s), drive_v=thin(group, group.drive_v)
-                )
-                moved = dictionary.through(model, short, thin(group, columns))
-            else:
-                moved = self.groups.thinned(group, dictionary.through(model, group, columns))
-            bend, fine = moved[: -plays.shape[0]], moved[-plays.shape[0] :]
+            moved = self._carried(model, group, self.groups.thinned(group, columns))
+            fine = plays.shape[0]
+            self.counts = (moved.shape[0] - fine, fine, len(self.tags))
+            for piece in self.pieces:
+                if piece.group != index:
+                    continue
+                generic = self.generic[len(self.fixed)]
+                rows, raw = self._kept(moved[:, piece.begin : piece.end], group)
+                white, known = rows.astype(float), generic.white.astype(float)
+                cross = white @ known.T
+                gram = np.block([[white @ white.T, cross], [cross.T, generic.gram]])
+                self.fixed.append(Fixed(
+                    np.concatenate([rows, generic.white]), gram,
+                    np.concatenate([raw, generic.raw]),
+                ))  # fmt: skip
+
+    def _make_generic(self, model: Model) -> None:
+        for index, group in enumerate(self.groups.groups):
+            f = dictionary.features(group, self.scales, group.predicted(model))
             made, self.tags = dictionary.generic(group, self.scales, f)
             generic = self.groups.thinned(group, made)
-            self.counts = (bend.shape[0], fine.shape[0], generic.shape[0])
-            columns = np.concatenate([bend, fine, generic])
-            weight = np.sqrt(group.repeats)
-            for piece in mine:
-                cut = columns[:, piece.begin : piece.end]
-                white = self.whiten(cut, weight)
-                raw = cut - cut.mean(axis=1, keepdims=True)
-                # Gram matrices of exactly what is kept: what the base leaves of these columns is
-                # far smaller than the columns, and must not drown in mixed roundings
-                rows = white.astype(np.float32)
-                white = rows.astype(float)
-                self.fixed.append(Fixed(rows, white @ white.T, raw.astype(np.float32)))
+            for piece in self.pieces:
+                if piece.group == index:
+                    rows, raw = self._kept(generic[:, piece.begin : piece.end], group)
+                    white = rows.astype(float)
+                    self.generic.append(Fixed(rows, white @ white.T, raw))
+
+    def _kept(
+        self, cut: FloatArray, group: Group
+    ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Columns of one piece, whitened, and unwhitened and centred.
+
+        Gram matrices are of exactly what is kept: what the base leaves of these columns is far
+        smaller than the columns, and must not drown in mixed roundings.
+        """
+        white = self.whiten(cut, np.sqrt(group.repeats))
+        raw = cut - cut.mean(axis=1, keepdims=True)
+        return white.astype(np.float32), raw.astype(np.float32)
 
     def whiten(self, rows: FloatArray, weight: float) -> FloatArray:
         """Whitened rows with the piece's offset projected out."""
@@ -167,7 +187,7 @@ class Space:
         ----------
         trials : pairs of models; each column is what the second does beyond the first
         """
-        p = point.values().size if not point.fixed else 0
+        p = point.values().size
         layout = Layout(p, *self.counts, len(trials))
         whites, raws, counts, rows = [], [], [], []
         at = 0
@@ -191,12 +211,18 @@ class Space:
         law = self.law if self.law.size else np.zeros(self.counts[2])
         return Linear(layout, np.array(whites), np.array(raws), np.array(counts), law, tuple(rows))
 
-    def with_residual(self, linear: Linear, point: Point) -> Linear:
-        """The same tangent with the residual of a point near by (no trials)."""
+    def with_residual(self, linear: Linear, point: Point, leave: int | None = None) -> Linear:
+        """The same tangent with the residual of a point near by (no trials).
+
+        ``leave`` : number of the recording of every group that is left out of its mean
+        """
         white, raw, at = linear.white.copy(), linear.raw.copy(), 0
         p = linear.layout.base
         for index, group in enumerate(self.groups.groups):
-            left = group.measured_um.mean(axis=0) - group.predicted(point.model)
+            rows = group.measured_um
+            if leave is not None and rows.shape[0] > 1:
+                rows = np.delete(rows, leave % rows.shape[0], axis=0)
+            left = rows.mean(axis=0) - group.predicted(point.model)
             left = self.groups.thinned(group, left)
             for piece in self.pieces:
                 if piece.group != index:
@@ -217,11 +243,8 @@ class Space:
         self, group: Group, point: Point, trials: Sequence[tuple[Model, Model]]
     ) -> FloatArray:
         """Thinned base tangent, trial signatures, residual of one group; (p + t + 1, m)."""
-        if point.fixed:
-            predicted = group.predicted(point.model)
-            tangent = np.empty((0, predicted.size))
-        else:
-            predicted, tangent = point.tangent(group)
+        bands = None if point.fixed else self._bands(group, point)
+        predicted, tangent = point.tangent(group, 0 if bands is None else point.compliances)
         rows = [tangent]
         known: dict[int, FloatArray] = {id(point.model): predicted}
         for before, after in trials:
@@ -230,7 +253,53 @@ class Space:
             rows.append((group.predicted(after) - known[id(before)])[None])
         mean = group.measured_um.mean(axis=0)
         rows.append((mean - predicted)[None])
-        return self.groups.thinned(group, np.concatenate(rows))
+        thin = self.groups.thinned(group, np.concatenate(rows))
+        return thin if bands is None else np.concatenate([bands, thin])
+
+    def _bands(self, group: Group, point: Point) -> FloatArray | None:
+        """Derivative by the compliances, thinned; None where break points move with them."""
+        model = point.model
+        drive = [(s.id, *(p.value for p in s.parameters.values()))
+                 for s in model.stages if s.place == "drive"]  # fmt: skip
+        tables = [s.elements.knots_v.round(9).tobytes() for s in point.tables if s.elements]
+        key = (id(group), *drive, *tables)
+        if key not in self._walked:
+            rows = basis.bands(model, group)
+            if rows is None:
+                return None
+            if len(self._walked) > MOST_WALKS:
+                self._walked.clear()
+            self._walked[key] = self.groups.thinned(group, rows).astype(np.float32)
+        return self._carried(model, group, self._walked[key].astype(float))
+
+    def _carried(self, model: Model, group: Group, columns: FloatArray) -> FloatArray:
+        """Thinned changes of the actuator's displacement as the sensor shows them."""
+        if group.blocks != ((0, group.drive_v.size),):
+            # cut-out stretches: the stages after the actuator act on what is left of each
+            return np.concatenate(
+                [
+                    dictionary.through(model, self._short(group, a, b), columns[:, i:j])
+                    for (a, b), (i, j) in zip(
+                        group.blocks, self.groups.edges(group), strict=True
+                    )
+                ],
+                axis=1,
+            )
+        return dictionary.through(model, self._short(group, *group.blocks[0]), columns)
+
+    def _short(self, group: Group, begin: int, end: int) -> Group:
+        """A stretch of a group at the thinned rate."""
+        whole = replace(group, blocks=((begin, end),))
+        thin = self.groups.thinned
+        time = thin(whole, group.time_s)
+        return replace(
+            whole, time_s=time, drive_v=thin(whole, group.drive_v), blocks=((0, time.size),)
+        )
+
+
+def _rounded(value: float) -> float:
+    """Two digits: columns of a nuisance need no more."""
+    return float(f"{value:.1e}")
 
 
 def _assembled(own: FloatArray, cross: FloatArray, fixed: FloatArray, p: int, t: int) -> FloatArray:

@@ -74,3 +74,15 @@ def test_every_example_of_a_cause_changes_what_it_should_and_little():
                 continue
             change = model.with_stage(trial).simulate(time, drive) - plain
             assert 0.0 < np.max(np.abs(change)) < 0.05 * context.travel_um, id
+
+
+def test_creep_carries_many_small_changes_as_it_carries_one():
+    rng = np.random.default_rng(3)
+    time = np.cumsum(rng.uniform(1e-3, 5e-3, 400))
+    base = np.cumsum(rng.standard_normal(400))
+    changes = np.cumsum(rng.standard_normal((3, 400)), axis=1)
+    stage = CAUSES["creep"].of(None, rate_per_decade=0.02)
+    carried = stage.carry(Signal(time, base, base), changes)
+    for change, found in zip(changes, carried, strict=True):
+        alone = stage.act(Signal(time, base, change)).displacement_um
+        assert found - found[0] == pytest.approx(alone - alone[0], abs=1e-10)

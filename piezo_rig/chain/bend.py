@@ -1,0 +1,41 @@
+"""A memoryless bend of the actuator: its reversible strain is not quite linear in the drive.
+
+Springs and sliders follow the drive with a fixed mean slope; electrostriction and the field
+dependence of the permittivity add a polynomial without memory (D. Damjanovic, Rep. Prog. Phys.
+61 (1998) 1267). It belongs to the base model of a diagnosis where data ask for it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from piezo_rig.chain.stage import Signal, Stage
+
+FloatArray = NDArray[np.float64]
+POWERS = {"square": 2, "cube": 3, "fourth": 4, "fifth": 5}
+
+
+class Bend(Stage):
+    """Polynomial of u = (drive - from_v) / over_v, coefficients in um."""
+
+    id = "bend"
+    place = "actuator"
+    units: ClassVar[Mapping[str, str]] = {"from_v": "V", "over_v": "V", **dict.fromkeys(POWERS, "um")}
+    linear: ClassVar[tuple[str, ...]] = tuple(POWERS)
+
+    @classmethod
+    def none(cls, from_v: float, over_v: float) -> Stage:
+        """A bend of nothing, to begin with."""
+        return cls.of(None, from_v=from_v, over_v=over_v, **dict.fromkeys(POWERS, 0.0))
+
+    def act(self, signal: Signal) -> Signal:
+        u = (signal.drive_v - self["from_v"]) / self["over_v"]
+        bent = sum(self[name] * u**power for name, power in POWERS.items())
+        return signal.with_(displacement_um=signal.displacement_um + bent)
+
+    def carry(self, signal: Signal, changes: FloatArray) -> FloatArray:
+        return changes

@@ -1,0 +1,61 @@
+"""What every band of the element tables does by itself.
+
+At fixed break points the displacement is linear in the compliances as long as no law moves the
+break points: one walk over the drive serves all columns.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from piezo_rig.chain import Model, Signal
+from piezo_rig.chain.model import _preceded
+from piezo_rig.diagnosis.groups import Group
+
+FloatArray = NDArray[np.float64]
+
+
+def bands(model: Model, group: Group) -> FloatArray | None:
+    """Displacement per unit of compliance of every band of every table, in V, shape (p, n).
+
+    In the order of the tables among the model's stages; None where a law moves break points.
+    """
+    from piezo_rig.chain import kernels
+
+    branches = model.branches()
+    if branches.laws or branches.reaching:
+        return None
+    drive = np.ascontiguousarray(group.drive_v)
+    time, before = group.time_s, 0
+    if not group.virgin:
+        drive = np.ascontiguousarray(_preceded(drive))
+        before = drive.size - time.size
+        step = float(np.median(np.diff(time)))
+        time = np.concatenate([time[0] - step * np.arange(before, 0, -1), time])
+    signal = Signal(time, drive, np.zeros(0))
+    for stage in model.stages:
+        if stage.place == "drive":
+            signal = stage.act(signal)
+    drive = np.ascontiguousarray(signal.drive_v)
+    walk = branches.walk(drive)
+    first = branches.initiation.compliance_um_per_v.size
+    later = 1 + branches.rest.compliance_um_per_v.size
+    own = any(s.has_elements and s.id != "maxwell" for s in model.stages)
+    rows = []
+    for stage in model.stages:
+        if stage.elements is None:
+            continue
+        for k in range(len(stage.elements)):
+            rise, branch = np.zeros(first), np.zeros(later)
+            if stage.id != "maxwell":
+                rise[k] = 1.0
+            else:
+                branch[k] = 1.0
+                if not own:
+                    rise[k] = 1.0
+            out = np.empty(drive.size)
+            slope = np.full((1, 1), 1.0 / branch[0] if branch[0] else np.inf)
+            kernels.fill(drive, walk.ints, walk.floats, first, rise, slope, branch[1:], out)
+            rows.append(out[before:] - out[before])
+    return np.array(rows)

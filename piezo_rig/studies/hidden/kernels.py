@@ -1,0 +1,237 @@
+"""Compiled loops of the bench: play operators, branches with a memory, lags, noise filters."""
+
+from __future__ import annotations
+
+import math
+
+import numba
+import numpy as np
+
+
+@numba.njit(cache=True)
+def play(drive, thresholds, wider):
+    """Play operators from a zero state at zero drive, shape (n, m).
+
+    ``wider`` : shape (n,), volts added to every threshold at every sample
+    """
+    n, m = drive.size, thresholds.size
+    out = np.empty((n, m))
+    state = np.zeros(m)
+    for i in range(n):
+        v = drive[i]
+        for j in range(m):
+            r = thresholds[j] + wider[i]
+            s = min(max(state[j], v - r), v + r)
+            state[j] = s
+            out[i, j] = s
+    return out
+
+
+@numba.njit(cache=True)
+def played_sum(drive, thresholds, weights, wider):
+    """Weighted sum of play operators, shape (n,)."""
+    n, m = drive.size, thresholds.size
+    out = np.empty(n)
+    state = np.zeros(m)
+    for i in range(n):
+        v = drive[i]
+        total = 0.0
+        for j in range(m):
+            r = thresholds[j] + wider[i]
+            s = min(max(state[j], v - r), v + r)
+            state[j] = s
+            total += weights[j] * s
+        out[i] = total
+    return out
+
+
+@numba.njit(cache=True)
+def _table(u, knots, values, last):
+    """Piecewise linear through (knots, values), which begin at 0; ``last`` slope beyond."""
+    n = knots.size
+    if u >= knots[n - 1]:
+        return values[n - 1] + (u - knots[n - 1]) * last
+    low, high = 0, n - 1
+    while high - low > 1:
+        middle = (low + high) // 2
+        if knots[middle] <= u:
+            low = middle
+        else:
+            high = middle
+    share = (u - knots[low]) / (knots[high] - knots[low])
+    return values[low] + share * (values[high] - values[low])
+
+
+@numba.njit(cache=True)
+def _branch(u, slope, bump, reach, first_break, knots, values, last):
+    """Displacement of a later branch ``u`` volts after its turning point."""
+    if u <= slope * first_break:
+        y = u / slope
+    else:
+        y = first_break + _table(u - slope * first_break, knots, values, last)
+    if bump != 0.0:
+        y += bump * reach * (1.0 - math.exp(-u / reach))
+    return y
+
+
+@numba.njit(cache=True)
+def branched(
+    drive, first_knots, first_values, first_last, slope, first_break, knots, values, last,
+    per_range, per_extremum, ratio, bump_per_range, bump_direction, reach,
+):  # fmt: skip
+    """Displacement (n,) of an actuator with Madelung's memory, 0 at the first sample.
+
+    A later branch begins with ``slope + per_range x range + per_extremum x extremum`` V/um for
+    ``first_break`` um (times 2r/(1+r) upwards, 2/(1+r) downwards), then follows the table. The
+    bump is an extra compliance that dies out over ``reach`` volts. Displacement is continuous;
+    an interrupted branch is resumed where its turning point is passed again.
+    """
+    n = drive.size
+    turns = 2
+    for i in range(2, n):
+        if (drive[i] - drive[i - 1]) * (drive[i - 1] - drive[i - 2]) <= 0.0:
+            turns += 1
+    at = np.empty(turns + 2)
+    slopes = np.empty(turns + 2)
+    bumps = np.empty(turns + 2)
+    out = np.zeros(n)
+    top = 0
+    at[0] = drive[0]
+    previous_turn = drive[0]
+    way = 0.0
+    y = 0.0
+    for i in range(1, n):
+        v, position = drive[i], drive[i - 1]
+        if v == position:
+            out[i] = y
+            continue
+        d = 1.0 if v > position else -1.0
+        if way != 0.0 and d != way:
+            change = abs(position - previous_turn)
+            previous_turn = position
+            top += 1
+            at[top] = position
+            s = slope + per_range * change + per_extremum * position
+            s *= (2.0 * ratio if d > 0 else 2.0) / (1.0 + ratio)
+            slopes[top] = s
+            bumps[top] = bump_per_range * change + bump_direction * d
+        way = d
+        while True:
+            if top == 0:
+                here = _table(abs(v - at[0]), first_knots, first_values, first_last)
+                there = _table(abs(position - at[0]), first_knots, first_values, first_last)
+                y += d * (here - there)
+                break
+            limit = at[top - 1] if top > 1 else 2.0 * at[0] - at[1]
+            end = v if d * (limit - v) >= 0.0 else limit
+            here = _branch(abs(end - at[top]), slopes[top], bumps[top], reach, first_break,
+                           knots, values, last)  # fmt: skip
+            there = _branch(abs(position - at[top]), slopes[top], bumps[top], reach, first_break,
+                            knots, values, last)  # fmt: skip
+            y += d * (here - there)
+            if end == v:
+                break
+            position = limit
+            top = max(top - 2, 0)
+        out[i] = y
+    return out
+
+
+@numba.njit(cache=True)
+def first_order(time, x, tau):
+    """x behind a first-order lag, exact where x is straight between samples; settled at first."""
+    out = np.empty(x.size)
+    lag = 0.0  # x - q
+    out[0] = x[0]
+    for i in range(1, x.size):
+        step = time[i] - time[i - 1]
+        decay = math.exp(-step / tau)
+        lag = lag * decay + (x[i] - x[i - 1]) / step * tau * (1.0 - decay)
+        out[i] = x[i] - lag
+    return out
+
+
+@numba.njit(cache=True)
+def relaxing(time, x, taus, weights):
+    """Sum of weighted first-order responses to x - x[0], shape (n,)."""
+    out = np.zeros(x.size)
+    lags = np.zeros(taus.size)
+    for i in range(1, x.size):
+        step = time[i] - time[i - 1]
+        slope = (x[i] - x[i - 1]) / step
+        total = 0.0
+        for k in range(taus.size):
+            decay = math.exp(-step / taus[k])
+            lags[k] = lags[k] * decay + slope * taus[k] * (1.0 - decay)
+            total += weights[k] * (x[i] - x[0] - lags[k])
+        out[i] = total
+    return out
+
+
+@numba.njit(cache=True)
+def innovations(columns, decays, variances, white):
+    """Columns (n, m) whitened exactly for noise that is a sum of AR(1) processes plus white.
+
+    Kalman's filter with the stationary start: row i becomes (column - its prediction from the
+    rows before) / standard deviation of that prediction's error.
+    """
+    n, m = columns.shape
+    k = decays.size
+    out = np.empty((n, m))
+    p = np.zeros((k, k))
+    for a in range(k):
+        p[a, a] = variances[a]
+    state = np.zeros((k, m))
+    gain = np.zeros(k)
+    for i in range(n):
+        total = white
+        for a in range(k):
+            row = 0.0
+            for b in range(k):
+                row += p[a, b]
+            gain[a] = row
+            total += row
+        scale = 1.0 / math.sqrt(total)
+        for a in range(k):
+            gain[a] /= total
+        for c in range(m):
+            seen = columns[i, c]
+            for a in range(k):
+                seen -= state[a, c]
+            out[i, c] = seen * scale
+            for a in range(k):
+                state[a, c] = decays[a] * (state[a, c] + gain[a] * seen)
+        for a in range(k):
+            for b in range(a, k):
+                q = decays[a] * decays[b] * (p[a, b] - gain[a] * gain[b] * total)
+                if a == b:
+                    q += variances[a] * (1.0 - decays[a] * decays[a])
+                p[a, b] = q
+                p[b, a] = q
+    return out
+
+
+@numba.njit(cache=True)
+def autoregressive(white, first, decay, sigma):
+    """AR(1) noise (n,) of standard deviation sigma from white (n,) and a first value."""
+    out = np.empty(white.size)
+    x = sigma * first
+    step = sigma * math.sqrt(1.0 - decay * decay)
+    for i in range(white.size):
+        out[i] = x
+        x = decay * x + step * white[i]
+    return out
+
+
+@numba.njit(cache=True)
+def relayed(drive, low, high):
+    """1 after ``high`` was passed rising, 0 after ``low`` was passed falling, shape (n,)."""
+    out = np.empty(drive.size)
+    state = 0.0
+    for i in range(drive.size):
+        if drive[i] >= high:
+            state = 1.0
+        elif drive[i] <= low:
+            state = 0.0
+        out[i] = state
+    return out
