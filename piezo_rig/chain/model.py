@@ -15,6 +15,7 @@ from piezo_rig.chain.stage import PLACES, Signal, Stage
 from piezo_rig.errors import InputError
 
 FloatArray = NDArray[np.float64]
+LONG_AGO_S = 1e7
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,7 +94,7 @@ class Model:
         history : ``virgin``: the memory is empty at the first sample. ``unknown`` and
             ``carried`` (from what was played before and is not given here): the drive is
             taken to have been played once before from a virgin start, so that its largest
-            excursion is remembered already. Sweeps that carry on from each other are
+            excursion is remembered already; long ago, so that nothing creeps any more. Sweeps that carry on from each other are
             simulated as one drive.
         free_end : leave sensor and acquisition stages out
 
@@ -114,14 +115,29 @@ class Model:
         if history != "virgin":
             drive = _preceded(drive)
             before = drive.size - time.size
-            step = float(np.median(np.diff(time))) if time.size > 1 else 1.0
-            time = np.concatenate([time[0] - step * np.arange(before, 0, -1), time])
+            time = np.concatenate([time[0] - LONG_AGO_S * np.arange(before, 0, -1), time])
         signal = self._play(time, drive, free_end)
         displacement = signal.displacement_um[before:]
         # one bad sample makes all that follow it bad: looking at the last is enough
         if not np.isfinite(displacement[-1]):
             _refuse_gaps(drive[before:])
         return displacement if displacement[0] == 0.0 else displacement - displacement[0]
+
+    def place_um(self, drive_v: FloatArray, history: str = "virgin") -> FloatArray:
+        """Where the actuator stands, from its virgin state at 0 V, um, shape (n,).
+
+        Only what has no clock: springs, sliders and a bend. The arguments are those of `simulate`.
+        """
+        still = self.with_(stages=tuple(
+            s for s in self.stages if s.linear or type(s).act is Stage.act
+        ))  # fmt: skip
+        drive = np.ascontiguousarray(drive_v, dtype=float)
+        before = 0
+        if history != "virgin":
+            drive = _preceded(drive)
+            before = drive.size - drive_v.size
+        time = np.arange(drive.size, dtype=float)
+        return still._play(time, drive, True).displacement_um[before:]
 
     def _play(self, time: FloatArray, drive: FloatArray, free_end: bool) -> Signal:
         signal = Signal(time, drive, np.zeros(0))

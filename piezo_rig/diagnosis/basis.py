@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from piezo_rig.chain import Model, Signal
-from piezo_rig.chain.model import _preceded
+from piezo_rig.chain.model import LONG_AGO_S, _preceded
 from piezo_rig.diagnosis.groups import Group
 
 FloatArray = NDArray[np.float64]
@@ -31,8 +31,7 @@ def bands(model: Model, group: Group) -> FloatArray | None:
     if not group.virgin:
         drive = np.ascontiguousarray(_preceded(drive))
         before = drive.size - time.size
-        step = float(np.median(np.diff(time)))
-        time = np.concatenate([time[0] - step * np.arange(before, 0, -1), time])
+        time = np.concatenate([time[0] - LONG_AGO_S * np.arange(before, 0, -1), time])
     signal = Signal(time, drive, np.zeros(0))
     for stage in model.stages:
         if stage.place == "drive":

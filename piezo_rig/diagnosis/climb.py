@@ -8,7 +8,7 @@ parameters and linearised anew. Afterwards members that are no longer needed are
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +31,8 @@ MOST = 8  # findings
 CLOSE, RUN_OFF = 0.4, 4  # share of the best score, and how many are refitted to compare
 DIFFERENT = 1e-4  # a member must differ from nothing at this level
 NEEDED = 3.0  # log-likelihood that decides between models
+LARGE = 300.0  # log-likelihood above which the linear start is not trusted
+FURTHER, FURTHER_BY = 4, 1.4
 EXCHANGES = 3
 WORSE = 1.02  # the error on what was not fitted may rise by this
 BEND = Bend.id
@@ -398,6 +400,8 @@ class _Search:
             settle(self.space, here.point)
             point = extended(self.space, here, candidate, columns, found.likelihood, form)
             fitted = refit(self.space, point)
+            if fitted.evidence > here.evidence + LARGE:
+                fitted = self.further(fitted, candidate.id)
         except InputError:  # it cannot even be played at the size that the data ask for
             fitted = None
         if fitted is None or _does_nothing(fitted.point, candidate.id) or (
@@ -407,6 +411,25 @@ class _Search:
                 "once refitted it came out at a limit, or no different from nothing"
             )
             return None
+        return fitted
+
+    def further(self, fitted: Fitted, id: str) -> Fitted:
+        """A large effect once more from further out: what a small one mimics may hold it back."""
+        for _ in range(FURTHER):
+            point = fitted.point
+            stage = point.model.stage(id)
+            names = [n for i, n in point.names if i == id]
+            if stage is None or not names:
+                break
+            rest = stage.neutral.get(names[0], 0.0)
+            value = rest + FURTHER_BY * (stage[names[0]] - rest)
+            limits = stage.limits if isinstance(stage, Cause) else {}
+            value = float(np.clip(value, *limits.get(names[0], (-np.inf, np.inf))))
+            moved = point.model.with_stage(stage.with_values(**{names[0]: value}))
+            there = refit(self.space, replace(point, model=moved))
+            if there.evidence < fitted.evidence + NEEDED:
+                break
+            fitted = there
         return fitted
 
     def prune(self) -> None:

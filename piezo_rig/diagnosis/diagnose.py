@@ -315,19 +315,15 @@ def recording_offsets(
     from pathlib import Path
 
     found: dict[str, list[float]] = {}
+    model = fitted.point.model
     for g in groups.groups:
-        predicted = g.predicted(fitted.point.model)
+        predicted = model.place_um(g.drive_v, g.history)
         for members, row in zip(g.sweeps, g.measured_um, strict=True):
             sweep = sweeps[members[0]]
             a, b = g.blocks[0]
             # absolute: the zero that was taken off the record is put back
             zero = sweep.polarity * sweep.zero_v * sweep.sensitivity_um_per_v
             value = float(np.mean(row[a:b] - predicted[a:b])) + zero
-            if not g.virgin:  # where it began is not known, but the largest drive is one state
-                at = int(np.argmax(g.drive_v))
-                rise = np.array([min(0.0, float(g.drive_v.min())), float(g.drive_v[at])])
-                tip = fitted.point.model.simulate(np.array([0.0, 1.0]), rise, free_end=True)
-                value += float(predicted[at] - tip[-1])
             source = Path(sweep.source).name or sweep.name
             found.setdefault(source, []).append(value)
     first = None
