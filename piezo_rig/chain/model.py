@@ -94,8 +94,8 @@ class Model:
         history : ``virgin``: the memory is empty at the first sample. ``unknown`` and
             ``carried`` (from what was played before and is not given here): the drive is
             taken to have been played once before from a virgin start, so that its largest
-            excursion is remembered already; long ago, so that nothing creeps any more. Sweeps that carry on from each other are
-            simulated as one drive.
+            excursion is remembered already; long ago, so that nothing creeps any more.
+            Sweeps that carry on from each other are simulated as one drive.
         free_end : leave sensor and acquisition stages out
 
         Returns

@@ -76,7 +76,7 @@ def is_run(path: str) -> bool:
 
 
 def load_data(args: argparse.Namespace) -> tuple[list[Sweep], dict[str, str]]:
-    """All sweeps of DATA, and the SHA-256 of every file.
+    """All sweeps of DATA, and the SHA-256 of every file, by a name that no other file has.
 
     Sweeps that ``verify`` finds faulty are left out, and said. Names are made unique by counting
     on over all files, in the order given.
@@ -89,11 +89,13 @@ def load_data(args: argparse.Namespace) -> tuple[list[Sweep], dict[str, str]]:
     from pathlib import Path
 
     from piezo_rig.errors import InputError
+    from piezo_rig.run_file.importers import distinct_names
     from piezo_rig.run_file.reader import Run
     from piezo_rig.run_file.verify import require_run, verify
 
     sweeps: list[Sweep] = []
     hashes: dict[str, str] = {}
+    shown = distinct_names([Path(name) for name in args.data])
     recordings = [p for p in args.data if not is_run(p)]
     by_recording: dict[str, list[Sweep]] = {}
     if recordings:
@@ -104,17 +106,17 @@ def load_data(args: argparse.Namespace) -> tuple[list[Sweep], dict[str, str]]:
         if name in recordings:
             continue
         run = Run(require_run(path))
-        hashes[path.name] = run.sha256()
+        hashes[shown[path]] = run.sha256()
         names, found = verify(path)
         faults = {v.sweep: v.text for v in found if v.fault and v.sweep}
         for faulty, text in faults.items():
-            print(f"warning: {path.name}: {faulty} is left out: {text}")
+            print(f"warning: {shown[path]}: {faulty} is left out: {text}")
         good = [n for n in names if n not in faults]
         sweeps += run.sweeps(good) if good else []
     for found_sweeps in by_recording.values():
         sweeps += found_sweeps
     for name in recordings:
-        hashes[Path(name).name] = hashlib.sha256(Path(name).read_bytes()).hexdigest()
+        hashes[shown[Path(name)]] = hashlib.sha256(Path(name).read_bytes()).hexdigest()
     if not sweeps:
         raise InputError("no-data", f"{', '.join(args.data)}: no sweep that may be used",
                          "every sweep is faulty", "see 'piezo-rig verify'")

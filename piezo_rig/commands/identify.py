@@ -34,8 +34,8 @@ def execute(args: argparse.Namespace) -> int:
     from piezo_rig.commands.console import Progress
     from piezo_rig.errors import InputError
 
-    if args.elements is not None and not 1 <= args.elements <= 1000:
-        raise InputError("usage", f"--elements {args.elements}: expected 1 to 1000",
+    if args.elements is not None and not 1 <= args.elements <= 500:
+        raise InputError("usage", f"--elements {args.elements}: expected 1 to 500",
                          "a slip on the command line", "the thesis uses 40")
     if args.out.endswith(("/", "\\")) or Path(args.out).is_dir():
         return _every_file(args, Path(args.out))

@@ -27,6 +27,6 @@ def execute(args: argparse.Namespace) -> int:
     )
     for sweep in imported.sweeps:
         print(f"{sweep.name}: {sweep.condition}, repeat {sweep.repeat}, {sweep.samples} samples "
-              f"at {sweep.sample_rate:g} Sa/s, from {Path(sweep.source).name}")
+              f"at {sweep.sample_rate:g} Sa/s, from {sweep.source}")
     print(f"run: {path}")
     return 0

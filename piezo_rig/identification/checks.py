@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +16,12 @@ from piezo_rig.run_file.sweep import Sweep
 FloatArray = NDArray[np.float64]
 AGREE = 0.01  # calibrations may differ by this share
 SPIKE = 0.5  # of the travel: one sample that far from both its neighbours is no movement
+LOOKED_AT = 4000  # samples for a range
 MOST_SPIKES = 0.01  # of the samples; more of them are not interruptions
+DRIVE_SPIKE = 0.05  # of the drive's range: the memory takes every volt, so less is a spike there
+JUMP = 0.05  # of the travel, from one sample to the next, that the drive does not explain
+CLEAR = 5.0  # times what all but one in a hundred samples do
+ANSWERS = 0.25  # of what such a drive would move: it was played, and is no spike
 FALLS = -0.5  # correlation of drive and displacement below which the polarity must be wrong
 FLAT_SHARE = 0.04  # of the drive's range may pass while the sensor stands at its extreme
 
@@ -25,8 +31,8 @@ def label(sweep: Sweep) -> str:
     return f"{sweep.source}: {sweep.name}" if sweep.source else sweep.name
 
 
-def check_sweep(sweep: Sweep) -> None:
-    """Raise InputError for what cannot be identified; names sweep and sample."""
+def check_numbers(sweep: Sweep) -> None:
+    """Raise InputError for what are no numbers, or too few; names sweep and sample."""
     where = label(sweep)
     drive, displacement = sweep.drive_v, sweep.displacement_um
     if drive.shape != displacement.shape or drive.ndim != 1:
@@ -53,6 +59,11 @@ def check_sweep(sweep: Sweep) -> None:
                     "a gap in the recording",
                     "cut the gap out, or interpolate it",
                 )
+
+
+def check_signals(sweep: Sweep) -> None:
+    """Raise InputError for a drive or a sensor that tells nothing; names sweep and sample."""
+    where, drive, displacement = label(sweep), sweep.drive_v, sweep.displacement_um
     _check_drive(where, drive)
     _check_sensor(where, drive, displacement)
     _check_polarity(where, sweep, drive, displacement)
@@ -91,6 +102,7 @@ def _check_sensor(where: str, drive: FloatArray, displacement: FloatArray) -> No
         )
     band = dead_band(displacement)
     # a sensor that is still alive would move by more than its noise over so much drive
+    sigma = noise(drive)
     span = float(np.ptp(drive)) * max(FLAT_SHARE, 4.0 * band / travel)
     for extreme, side in ((displacement.max(), "largest"), (displacement.min(), "smallest")):
         flat = np.abs(displacement - extreme) <= band
@@ -98,36 +110,117 @@ def _check_sensor(where: str, drive: FloatArray, displacement: FloatArray) -> No
             continue
         edges = np.flatnonzero(np.diff(np.concatenate([[0], flat.astype(np.int8), [0]])))
         for a, b in zip(edges[::2], edges[1::2], strict=True):
-            if b - a >= 6 and np.ptp(drive[a:b]) > span:
+            moved = _moved(drive[a:b], sigma) if b - a >= 6 else 0.0
+            if moved > span:
                 raise InputError(
                     "sensor-saturated",
                     f"{where}: the sensor stands at its {side} value "
                     f"({extreme:.5g} um) from sample {a} to {b - 1} while the drive moves "
-                    f"{np.ptp(drive[a:b]):.3g} V",
+                    f"{moved:.3g} V",
                     "the sensor's output or the digitizer's input range is exceeded",
                     "set a larger sensitivity switch or input range and record again",
                 )
 
 
-def without_spikes(sweep: Sweep) -> tuple[Sweep, str]:
-    """The sweep with beam interruptions bridged, and what was done ('' if nothing).
+def _moved(drive: FloatArray, sigma: float) -> float:
+    """Volts that a stretch of drive runs through beyond what noise alone would show."""
+    by_noise = sigma * (2.0 * float(np.sqrt(2.0 * np.log(drive.size))) + 2.0)
+    return max(float(np.ptp(drive)) - by_noise, 0.0)
 
-    Only single samples that leave their neighbours by half the travel or more; smaller ones
-    do a fit no harm.
+
+def without_spikes(sweep: Sweep) -> tuple[Sweep, list[str]]:
+    """The sweep with interruptions bridged, and what was done or is to be feared.
+
+    Bridged are single samples: of the displacement where they leave their neighbours by half the
+    travel or more (smaller ones do a fit no harm), of the drive where they leave them by much
+    less, because the memory takes the largest drive for good. What lasts longer is only said.
     """
-    y = sweep.displacement_um
-    away = np.abs(y[1:-1] - 0.5 * (y[:-2] + y[2:]))
-    limit = SPIKE * float(np.ptp(np.percentile(y, [1.0, 99.0])))
-    found = np.flatnonzero((away > limit) & (np.abs(y[2:] - y[:-2]) < 0.5 * limit)) + 1
-    if found.size == 0 or found.size > MOST_SPIKES * y.size or limit == 0.0:
-        return sweep, ""
-    volts = sweep.sensor_v.copy()
-    volts[found] = 0.5 * (volts[found - 1] + volts[found + 1])
-    which = ", ".join(str(i) for i in found[:5]) + (" ..." if found.size > 5 else "")
-    return sweep.with_(sensor_v=volts), (
-        f"warning: {label(sweep)}: the displacement jumps by more than half its travel and back "
-        f"at sample {which}: bridged"
-    )
+    drive, y = sweep.drive_v, sweep.displacement_um
+    said: list[str] = []
+    where = f"warning: {label(sweep)}"
+    found = _isolated(y, SPIKE * _spread(y))
+    played = _isolated(drive, DRIVE_SPIKE * _spread(drive), CLEAR)
+    if played.size:
+        # a drive that was really played moves the actuator too
+        slope = _spread(y) / max(_spread(drive), 1e-30)
+        answered = _away(y)[played - 1] > ANSWERS * slope * _away(drive)[played - 1]
+        both = played[answered]
+        found, played = np.setdiff1d(found, both), played[~answered]
+    if played.size:
+        sweep = sweep.with_(command_v=_bridged(sweep.command_v, played))
+        said.append(
+            f"{where}: the drive jumps to {drive[played[0]]:.5g} V and back at sample "
+            f"{_listed(played)}, and the displacement does not follow: bridged"
+        )
+    if found.size:
+        sweep = sweep.with_(sensor_v=_bridged(sweep.sensor_v, found))
+        said.append(
+            f"{where}: the displacement jumps by more than half its travel and back "
+            f"at sample {_listed(found)}: bridged"
+        )
+    return sweep, said + _jumps(where, sweep)
+
+
+@lru_cache(maxsize=64)
+def _somewhere(n: int) -> NDArray[np.int64]:
+    """Samples that stand for all n of them, the same ones every time."""
+    return np.sort(np.random.default_rng(0).integers(0, n, LOOKED_AT))
+
+
+def _spread(values: FloatArray) -> float:
+    """Range of all but the outermost samples."""
+    if values.size > LOOKED_AT:
+        values = values[_somewhere(values.size)]
+    return float(np.ptp(np.percentile(values, [1.0, 99.0])))
+
+
+def _away(values: FloatArray) -> FloatArray:
+    """Distance of every inner sample from the middle of its neighbours, shape (n - 2,)."""
+    return np.abs(values[1:-1] - 0.5 * (values[:-2] + values[2:]))
+
+
+def _isolated(values: FloatArray, limit: float, clear: float = 0.0) -> NDArray[np.intp]:
+    """Samples that leave both their neighbours by a limit; none where they are too many.
+
+    With ``clear`` they leave them by that many times what all but one in a hundred samples do.
+    """
+    away = _away(values)
+    found = np.flatnonzero(away > limit)
+    if found.size and clear:
+        limit = max(limit, clear * float(np.percentile(away, 99.0)))
+        found = found[away[found] > limit]
+    found = found[np.abs(values[found + 2] - values[found]) < 0.5 * limit] + 1
+    return found if limit > 0.0 and found.size <= MOST_SPIKES * values.size else found[:0]
+
+
+def _bridged(volts: FloatArray, found: NDArray[np.intp]) -> FloatArray:
+    out = volts.copy()
+    out[found] = 0.5 * (out[found - 1] + out[found + 1])
+    return out
+
+
+def _listed(found: NDArray[np.intp]) -> str:
+    return ", ".join(str(i) for i in found[:5]) + (" ..." if found.size > 5 else "")
+
+
+def _jumps(where: str, sweep: Sweep) -> list[str]:
+    """A warning where the displacement leaps from one sample to the next without the drive."""
+    drive, y = sweep.drive_v, sweep.displacement_um
+    limit, steps = JUMP * _spread(y), np.abs(np.diff(y))
+    if float(steps.max()) <= limit:
+        return []
+    slope = _spread(y) / max(_spread(drive), 1e-30)
+    unexplained = np.maximum(steps - 2.0 * slope * np.abs(np.diff(drive)), 0.0)
+    usual = CLEAR * float(np.percentile(unexplained, 99.0))
+    found = np.flatnonzero(unexplained > max(limit, usual, 2.0 * REACH * noise(y))) + 1
+    if not found.size or limit == 0.0 or found.size > MOST_SPIKES * y.size:
+        return []
+    largest = float(np.max(steps[found - 1]))
+    return [
+        f"{where}: the displacement jumps by up to {largest:.3g} um at sample {_listed(found)} "
+        "while the drive does not: fringes lost, or a beam that was interrupted; the samples are "
+        "used as they are"
+    ]
 
 
 def _check_polarity(
@@ -146,27 +239,29 @@ def _check_polarity(
 
 
 def check_agreement(sweeps: Sequence[Sweep]) -> None:
-    """Raise InputError when sweeps come from differently calibrated benches."""
-    first = sweeps[0]
-    scale = abs(first.gain) * 10.0
-    for sweep in sweeps[1:]:
-        pairs = (
-            ("gain", first.gain, sweep.gain, abs(first.gain)),
-            ("offset", first.offset_v, sweep.offset_v, max(abs(first.offset_v), scale)),
-            (
-                "sensitivity",
-                first.sensitivity_um_per_v,
-                sweep.sensitivity_um_per_v,
-                abs(first.sensitivity_um_per_v),
-            ),
-            ("polarity", float(first.polarity), float(sweep.polarity), 1.0),
+    """Raise InputError when sweeps come from differently calibrated benches.
+
+    A drive or displacement that was recorded as such has no calibration, and agrees with any.
+    """
+    drives = [s for s in sweeps if not s.details.get("as_given_drive")]
+    sensors = [s for s in sweeps if not s.details.get("as_given_displacement")]
+    for sweep in drives[1:]:
+        first = drives[0]
+        _agree("gain", first.gain, sweep.gain, abs(first.gain), first, sweep)
+        scale = max(abs(first.offset_v), 10.0 * abs(first.gain))
+        _agree("offset", first.offset_v, sweep.offset_v, scale, first, sweep)
+    for sweep in sensors[1:]:
+        first = sensors[0]
+        a, b = first.sensitivity_um_per_v, sweep.sensitivity_um_per_v
+        _agree("sensitivity", a, b, abs(a), first, sweep)
+        _agree("polarity", float(first.polarity), float(sweep.polarity), 1.0, first, sweep)
+
+
+def _agree(name: str, a: float, b: float, size: float, first: Sweep, sweep: Sweep) -> None:
+    if abs(a - b) > AGREE * size:
+        raise InputError(
+            "calibrations-disagree",
+            f"{name} is {a:g} in {label(first)} and {b:g} in {label(sweep)}",
+            "recordings of different benches, or one of them was imported with other settings",
+            "import them again with the same calibration, or identify them apart",
         )
-        for name, a, b, size in pairs:
-            if abs(a - b) > AGREE * size:
-                raise InputError(
-                    "calibrations-disagree",
-                    f"{name} is {a:g} in {label(first)} and {b:g} in {label(sweep)}",
-                    "recordings of different benches, or one of them was imported "
-                    "with other settings",
-                    "import them again with the same calibration, or identify them apart",
-                )

@@ -14,8 +14,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from piezo_rig.chain import HalfLoops, dead_band, half_loops
+from piezo_rig.chain.reach import reaches
 from piezo_rig.errors import InputError
-from piezo_rig.identification.checks import check_agreement, check_sweep, label, without_spikes
+from piezo_rig.identification.checks import (
+    check_agreement,
+    check_numbers,
+    check_signals,
+    label,
+    without_spikes,
+)
+from piezo_rig.identification.rest import begins_at_rest
 from piezo_rig.run_file.sweep import Sweep
 
 FloatArray = NDArray[np.float64]
@@ -54,6 +62,19 @@ class Track:
         return float(np.ptp(self.displacement_um[self.edges[k] : self.edges[k + 1]]))
 
 
+    @property
+    def branch_reach_v(self) -> float:
+        """Largest drive change along one branch after a turning point, volts."""
+        turns = self.drive_v[np.append(self.loops.start, self.drive_v.size - 1)]
+        if self.virgin:
+            return float(np.max(reaches(turns)[1], initial=0.0))
+        around = np.array([self.drive_v.min(), self.drive_v.max()])
+        legs = reaches(np.append(around, turns))[1][-len(self.loops) :]
+        start = self.loops.start
+        known = np.array([any(a <= s < b for a, b in self.blocks) for s in start])
+        return float(np.max(legs[known], initial=0.0))
+
+
 @dataclass(frozen=True, eq=False)
 class Data:
     """Everything that a fit sees."""
@@ -90,6 +111,13 @@ class Data:
             default=0.0,
         )
 
+    def known_v(self, one_curve: bool) -> dict[str, float]:
+        """Volts up to which data know the first rise, and a branch after a turning point."""
+        first, later = self.first_reach_v, max(t.branch_reach_v for t in self.tracks)
+        if one_curve:
+            first, later = max(first, later / 2.0), max(2.0 * first, later)
+        return {"first_rise": first or later / 2.0, "branch": later}
+
     @property
     def later_reach_v(self) -> float:
         """Largest drive change of one half loop after a turning point, volts."""
@@ -108,7 +136,7 @@ def prepare(sweeps: Sequence[Sweep], first_rises: bool = False) -> Data:
 
     Parameters
     ----------
-    first_rises : of sweeps with unknown history that begin at rest, take the first rise for an
+    first_rises : of sweeps with unknown history that show a first rise from rest, take it for an
         initiation curve (for models that have one of their own)
 
     Raises
@@ -120,10 +148,11 @@ def prepare(sweeps: Sequence[Sweep], first_rises: bool = False) -> Data:
     left_out: list[str] = []
     mended = []
     for sweep in sweeps:
-        check_sweep(sweep)
+        check_numbers(sweep)
         better, said = without_spikes(sweep)
+        check_signals(better)
         mended.append(better)
-        left_out += [said] if said else []
+        left_out += said
     sweeps = mended
     check_agreement(sweeps)
     chains: list[list[int]] = []
@@ -161,11 +190,11 @@ def _track(
     band = max(dead_band(s.drive_v) for s in sweeps)
     loops = half_loops(drive, band)
     virgin = sweeps[0].history == "virgin"
-    if not virgin and first_rises and _at_rest(drive, band):
+    if not virgin and first_rises and _from_rest(drive, displacement, loops, band, int(edges[1])):
         virgin = True
         left_out.append(
-            f"{label(sweeps[0])}: history unknown, but it begins at rest: its first rise is taken "
-            "for an initiation curve"
+            f"{label(sweeps[0])}: history unknown, but it begins at rest (its first cycle leaves "
+            "behind what later ones do not): its first rise is taken for an initiation curve"
         )
     if virgin:
         known = [(0, drive.size)]
@@ -193,10 +222,15 @@ def _track(
     )  # fmt: skip
 
 
-def _at_rest(drive: FloatArray, band: float) -> bool:
-    """The drive begins at 0 V, or at its lowest point."""
-    tolerance = max(band, EXTREME * float(np.ptp(drive)))
-    return bool(abs(drive[0]) <= tolerance or drive[0] <= drive.min() + tolerance)
+def _from_rest(
+    drive: FloatArray, displacement: FloatArray, loops: HalfLoops, band: float, samples: int
+) -> bool:
+    """Whether the first sweep of a track, of so many samples, begins with a rise from rest."""
+    own = drive[:samples]
+    tolerance = max(band, EXTREME * float(np.ptp(own)))
+    if samples < drive.size:
+        loops = half_loops(own, band)
+    return begins_at_rest(own, displacement[:samples], loops, tolerance)
 
 
 def _known(drive: FloatArray, loops: HalfLoops, band: float) -> list[tuple[int, int]]:

@@ -51,8 +51,8 @@ def laws(thesis_dx: float, ours: Mapping[str, Model], ours_dx: float) -> str:
         for symbol, a, b in (("k1", 1.0, 1.0), ("f1", thesis_dx, ours_dx)):
             rows.append([
                 f"{symbol}, {name} (slope, offset)",
-                f"{scientific(a * slope)}, {a * offset:.5f}",
-                f"{scientific(b * stage['slope'])}, {b * stage['offset']:.5f}",
+                f"{scientific(a * slope)}, {a * offset:#.4g}",  # four digits, as printed
+                f"{scientific(b * stage['slope'])}, {b * stage['offset']:#.4g}",
             ])  # fmt: skip
     return table(("1", "thesis", "ours"), rows)
 

@@ -7,7 +7,7 @@ makes this package raise anything but ``InputError``, and nothing in a file is r
 """
 
 from piezo_rig.run_file.importers.assemble import read_recordings
-from piezo_rig.run_file.importers.file_name import NameSays, parse_name
+from piezo_rig.run_file.importers.file_name import NameSays, distinct_names, parse_name
 from piezo_rig.run_file.importers.options import (
     DISPLACEMENT,
     DRIVE,
@@ -24,6 +24,7 @@ __all__ = [
     "ImportOptions",
     "Imported",
     "NameSays",
+    "distinct_names",
     "parse_name",
     "parse_sensitivity",
     "read_recordings",

@@ -6,7 +6,7 @@ once, and written down as a sentence.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
@@ -16,7 +16,7 @@ import numpy as np
 from piezo_rig.errors import InputError
 from piezo_rig.run_file.importers.csv_text import read_csv
 from piezo_rig.run_file.importers.damage import compare_span, saturation
-from piezo_rig.run_file.importers.file_name import NameSays, parse_name
+from piezo_rig.run_file.importers.file_name import NameSays, distinct_names, parse_name
 from piezo_rig.run_file.importers.lvm import read_lvm
 from piezo_rig.run_file.importers.options import (
     DISPLACEMENT,
@@ -33,6 +33,7 @@ from piezo_rig.run_file.sweep import Sweep
 
 _READERS = {".lvm": read_lvm, ".tdms": read_tdms, ".csv": read_csv}
 DEFAULT_POLARITY = -1
+ALIKE = 0.05  # repeats of one condition agree in drive and pace to this share
 
 
 def read_recordings(
@@ -56,10 +57,11 @@ def read_recordings(
     options = options or ImportOptions()
     if not paths:
         raise InputError("import-file", "no recording was given", remedy="name at least one file")
-    told, warned = _Sentences(), _Sentences()
+    names = distinct_names([Path(given) for given in paths])
+    told, warned = _Sentences(names), _Sentences(names)
     sweeps: list[Sweep] = []
     clocks: dict[str, str] = {}
-    repeats: dict[str, set[int]] = {}
+    conditions = _Conditions(warned)
     for given in paths:
         path = Path(given)
         traces = _read(path, options, require, told, warned)
@@ -67,9 +69,8 @@ def read_recordings(
         for part, trace in enumerate(traces, start=1):
             part_of = part if len(traces) > 1 else 0
             sweep = _sweep(path, trace, says, part_of, options, require, told, warned)
-            taken = repeats.setdefault(sweep.condition, set())
-            sweeps.append(_numbered(sweep, len(sweeps) + 1, taken, warned))
-            clocks.setdefault(trace.clock, path.name)
+            sweeps.append(conditions.numbered(sweep, len(sweeps) + 1))
+            clocks.setdefault(trace.clock, names[path])
     sweeps = _with_history(sweeps, options, told, warned)
     _compare_clocks(sweeps, clocks, warned)
     earliest = min(sweep.start_time for sweep in sweeps)
@@ -84,10 +85,17 @@ def read_recordings(
 class _Sentences:
     """Sentences about files; what holds of several files is said once."""
 
-    def __init__(self) -> None:
+    def __init__(self, names: Mapping[Path, str]) -> None:
+        self._names = names
         self._files: dict[str, list[str]] = {}
 
-    def add(self, file: str, sentences: Sequence[str]) -> None:
+    def name(self, path: Path) -> str:
+        """What a file is called in sentences, and as the source of its sweeps."""
+        return self._names[path]
+
+    def add(self, file: str | Path, sentences: Sequence[str]) -> None:
+        if isinstance(file, Path):
+            file = self.name(file)
         for sentence in sentences:
             files = self._files.setdefault(sentence, [])
             if file not in files:
@@ -121,18 +129,18 @@ def _read(
         )
     traces: list[Trace] = []
     for recording in reader(path):
-        told.add(path.name, recording.notes)
-        warned.add(path.name, recording.warnings)
+        told.add(path, recording.notes)
+        warned.add(path, recording.warnings)
         traces += traces_of(recording, options, require)
     whole = joined(path, traces)
     if len(whole) > 1:
         warned.add(
-            path.name,
+            path,
             [f"holds {len(whole)} parts that do not follow each other in time; each is a sweep"],
         )
     for trace in whole:
-        told.add(path.name, trace.assumed)
-        warned.add(path.name, trace.warnings)
+        told.add(path, trace.assumed)
+        warned.add(path, trace.warnings)
     return whole
 
 
@@ -158,10 +166,10 @@ def _sweep(
         rate, times = 1 / trace.even_step_s, None
     else:
         timing = timing_of(trace.times_s, trace.declared_step_s, str(path))
-        told.add(path.name, timing.notes)
-        warned.add(path.name, timing.warnings)
+        told.add(path, timing.notes)
+        warned.add(path, timing.warnings)
         rate, times = timing.sample_rate, timing.sample_times_s
-    told.add(path.name, [f"{rate:.10g} samples/s, {trace.rate_from}"])
+    told.add(path, [f"{rate:.10g} samples/s, {trace.rate_from}"])
     calibration = _calibrate(path, trace, says, options, require, told, warned)
     missing = np.full(trace.samples, np.nan)
     sensor = trace.sensor if trace.sensor is not None else missing
@@ -169,13 +177,13 @@ def _sweep(
         zero = 0.0
     else:
         zero = float(sensor[0])
-        told.add(path.name, ["displacement is counted from the sensor's first sample"])
+        told.add(path, ["displacement is counted from the sensor's first sample"])
     span = says.span_v if part == 0 else None
     if trace.command is not None:
         drive = calibration.gain * trace.command + calibration.offset_v
         if trace.sensor is not None:
-            warned.add(path.name, saturation(drive, sensor, trace.where))
-        warned.add(path.name, compare_span(drive, span))
+            warned.add(path, saturation(drive, sensor, trace.where))
+        warned.add(path, compare_span(drive, span))
     return Sweep(
         name="",
         command_v=trace.command if trace.command is not None else missing.copy(),
@@ -193,7 +201,7 @@ def _sweep(
         origin="IMPORTED",
         drive_monitor_v=trace.monitor,
         sample_times_s=times,
-        source=f"{path.name} part {part}" if part else path.name,
+        source=f"{told.name(path)} part {part}" if part else told.name(path),
         details={"as_given_drive": trace.is_drive, "as_given_displacement": trace.is_displacement},
     )
 
@@ -214,37 +222,37 @@ def _calibrate(
         ignored = [word for word, name in words if options.given(name)]
         if ignored:
             warned.add(
-                path.name,
+                path,
                 [f"the {' and '.join(ignored)} given was ignored: drive_v is taken as it is"],
             )
-        told.add(path.name, ["drive_v is volts on the actuator and taken as it is"])
+        told.add(path, ["drive_v is volts on the actuator and taken as it is"])
     elif trace.command is not None:
         calibration = replace(calibration, gain=options.gain, offset_v=options.offset_v)
         if not options.given("gain"):
-            told.add(path.name, [f"gain {options.gain:g} (drive volts per volt of command)"])
+            told.add(path, [f"gain {options.gain:g} (drive volts per volt of command)"])
         if not options.given("offset_v"):
-            told.add(path.name, [f"offset {options.offset_v:g} V (drive at 0 V of command)"])
+            told.add(path, [f"offset {options.offset_v:g} V (drive at 0 V of command)"])
     if trace.monitor is not None:
-        told.add(path.name, ["the drive monitor is volts on the actuator and taken as it is"])
+        told.add(path, ["the drive monitor is volts on the actuator and taken as it is"])
     if trace.is_displacement:
         names = ("sensitivity", "polarity")
         ignored = [name for name in names if options.given(name)]
         if ignored:
             warned.add(
-                path.name,
+                path,
                 [
                     f"the {' and '.join(ignored)} given was ignored: displacement_um is taken "
                     "as it is"
                 ],
             )
-        told.add(path.name, ["displacement_um is micrometres and taken as it is"])
+        told.add(path, ["displacement_um is micrometres and taken as it is"])
         return calibration
     if trace.sensor is None:
         return calibration
     polarity = options.polarity
     if polarity is None:
         polarity = DEFAULT_POLARITY
-        told.add(path.name, [f"polarity {polarity:+d} (a falling sensor voltage is extension)"])
+        told.add(path, [f"polarity {polarity:+d} (a falling sensor voltage is extension)"])
     sensitivity = _sensitivity(path, says, options, DISPLACEMENT in require, told, warned)
     return replace(calibration, polarity=polarity, sensitivity_um_per_v=sensitivity)
 
@@ -260,17 +268,17 @@ def _sensitivity(
     """Micrometres per volt: as given, else as the file's name says, else an error."""
     named = says.switch
     if named is not None and named >= len(SWITCH_UM_PER_V):
-        warned.add(path.name, [f"its name says sense{named}, which the switch (0 to 6) has not"])
+        warned.add(path, [f"its name says sense{named}, which the switch (0 to 6) has not"])
         named = None
     if options.sensitivity is not None:
         value, switch = parse_sensitivity(options.sensitivity)
         if switch is not None:
             told.add(
-                path.name, [f"sensitivity switch {switch} is {value:g} um/V, by the printed table"]
+                path, [f"sensitivity switch {switch} is {value:g} um/V, by the printed table"]
             )
         if named is not None and SWITCH_UM_PER_V[named] != value:
             warned.add(
-                path.name,
+                path,
                 [
                     f"its name says sensitivity switch {named} ({SWITCH_UM_PER_V[named]:g} um/V), "
                     f"but {options.sensitivity.strip()} was given: {value:g} um/V is used"
@@ -279,7 +287,7 @@ def _sensitivity(
         return value
     if named is not None:
         told.add(
-            path.name,
+            path,
             [
                 f"sensitivity {SWITCH_UM_PER_V[named]:g} um/V: its name says switch {named}, "
                 "by the printed table"
@@ -298,21 +306,86 @@ def _sensitivity(
     )
 
 
-def _numbered(sweep: Sweep, number: int, taken: set[int], warned: _Sentences) -> Sweep:
-    """The sweep with its name, and with a repeat that no other sweep of its condition has."""
-    repeat = sweep.repeat
-    if repeat in taken:
-        while repeat in taken:
-            repeat += 1
-        warned.add(
+@dataclass(frozen=True)
+class _Played:
+    """What two sweeps must share to be repeats: drives in volts, passes of its middle a second."""
+
+    lowest_v: float
+    highest_v: float
+    passes: int
+    per_second: float
+
+    @classmethod
+    def of(cls, sweep: Sweep) -> _Played:
+        drive = sweep.drive_v
+        low, high = map(float, np.percentile(drive, (0.1, 99.9)))  # a spike is no drive
+        quarter = 0.25 * (high - low)
+        side = np.where(drive > high - quarter, 1, np.where(drive < low + quarter, -1, 0))
+        side = side[side != 0]
+        passes = int(np.count_nonzero(np.diff(side)))
+        return cls(low, high, passes, passes / max(float(sweep.time_s[-1]), 1e-12))
+
+    def like(self, other: _Played) -> bool:
+        """Whether the one may be a repeat of the other, cut short perhaps."""
+        near = ALIKE * max(self.highest_v - self.lowest_v, other.highest_v - other.lowest_v)
+        apart = abs(self.per_second - other.per_second)
+        few = 1.5 * max(p.per_second / max(p.passes, 1) for p in (self, other))
+        return (
+            abs(self.lowest_v - other.lowest_v) <= near
+            and abs(self.highest_v - other.highest_v) <= near
+            and apart <= max(few, ALIKE * max(self.per_second, other.per_second))
+        )
+
+    def __str__(self) -> str:
+        digits = 1 - int(np.floor(np.log10(max(self.highest_v - self.lowest_v, 1e-9))))
+        low, high = round(self.lowest_v, digits) + 0.0, round(self.highest_v, digits) + 0.0
+        return f"{low:g} to {high:g} V, {self.per_second / 2.0:.2g} cycles/s"
+
+
+class _Conditions:
+    """The conditions so far: names, what was played under them, and their repeats."""
+
+    def __init__(self, warned: _Sentences) -> None:
+        self._warned = warned
+        self._taken: dict[str, set[int]] = {}
+        self._played: dict[str, _Played] = {}
+
+    def numbered(self, sweep: Sweep, number: int) -> Sweep:
+        """The sweep with its name, and with a repeat that no other sweep of its condition has."""
+        condition = self._condition(sweep)
+        taken = self._taken.setdefault(condition, set())
+        repeat = sweep.repeat
+        if repeat in taken:
+            while repeat in taken:
+                repeat += 1
+            self._warned.add(
+                sweep.source,
+                [
+                    f"repeat {sweep.repeat} of condition '{condition}' was given before; "
+                    f"this one counts as repeat {repeat}"
+                ],
+            )
+        taken.add(repeat)
+        return sweep.with_(name=f"sweep_{number:04d}", repeat=repeat, condition=condition)
+
+    def _condition(self, sweep: Sweep) -> str:
+        """Its condition by name; another where something else was played under that name."""
+        if np.isnan(sweep.command_v).any():
+            return sweep.condition
+        played = _Played.of(sweep)
+        first = self._played.setdefault(sweep.condition, played)
+        if played.like(first):
+            return sweep.condition
+        condition = f"{sweep.condition}, {played}"
+        self._played.setdefault(condition, played)
+        self._warned.add(
             sweep.source,
             [
-                f"repeat {sweep.repeat} of condition '{sweep.condition}' was given before; "
-                f"this one counts as repeat {repeat}"
+                f"plays {played}, but another recording of condition '{sweep.condition}' "
+                f"plays {first}: not a repeat of it, so its condition is '{condition}'"
             ],
         )
-    taken.add(repeat)
-    return sweep.with_(name=f"sweep_{number:04d}", repeat=repeat)
+        return condition
 
 
 def _with_history(

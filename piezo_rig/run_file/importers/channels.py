@@ -6,13 +6,14 @@ may be read that way, because a .csv has a header that says what its columns are
 
 from __future__ import annotations
 
+import re
 from collections.abc import Collection
 from dataclasses import dataclass, field
 
 from piezo_rig.errors import InputError
 from piezo_rig.run_file.importers import words
 from piezo_rig.run_file.importers.options import DISPLACEMENT, DRIVE, ImportOptions
-from piezo_rig.run_file.importers.recording import Recording, quoted
+from piezo_rig.run_file.importers.recording import Column, Recording, quoted
 
 CODE = "import-channel"
 _OPTION = {"time": "--time", "command": "--command", "sensor": "--sensor", "monitor": "--monitor"}
@@ -33,7 +34,7 @@ class Choice:
     time, command, sensor, monitor : index of a column, None where there is none
     is_drive : the command column holds the drive itself, to be taken as it is
     is_displacement : the sensor column holds micrometres, to be taken as they are
-    assumed : sentences
+    assumed, warned : sentences
     """
 
     time: int | None = None
@@ -43,6 +44,7 @@ class Choice:
     is_drive: bool = False
     is_displacement: bool = False
     assumed: list[str] = field(default_factory=list)
+    warned: list[str] = field(default_factory=list)
 
     def taken(self) -> list[int]:
         """Indices of the columns in use, time first."""
@@ -85,6 +87,8 @@ def choose(
         monitor=found.get("monitor"),
         assumed=assumed,
     )
+    if choice.time is not None and options.time is not None:
+        _say_unit(recording.columns[choice.time], choice)
     choice.is_drive = _named(recording, choice.command, words.DRIVE_V)
     choice.is_displacement = _named(recording, choice.sensor, words.DISPLACEMENT_UM)
     if choice.time is None and choice.command is not None:
@@ -201,18 +205,30 @@ def _csv_time(recording: Recording, found: dict[str, int], assumed: list[str]) -
     """Time of a table without ``time_s``: a column that is called time, and nothing less."""
     hits = [i for i, column in enumerate(recording.columns) if column.is_time]
     hits = [i for i in hits if i not in found.values()]
-    if not hits and {"command", "sensor"} <= set(found) and 0 not in found.values():
-        hits = [0]  # the user named the others by hand; time stands first
+    if not hits and not recording.named and 0 not in found.values():
+        hits = [0]  # no header says what it is, and the user chose the others; time stands first
     if len(hits) != 1:
+        free = [quoted(c) for i, c in enumerate(recording.columns) if i not in found.values()]
         raise InputError(
             "import-time",
-            f"{recording.path}: has no column time_s",
-            cause="a header that names no time, or rows without a header",
+            f"{recording.path}: has no column time_s"
+            + (f"; {', '.join(free[:3])} is not known to be time in seconds" if free else ""),
+            cause="a header that names no time in seconds, or rows without a header",
             remedy="write the header time_s,drive_v,displacement_um or time_s,command_v,sensor_v, "
             f"or choose with --time from {recording.listing()}",
         )
     found["time"] = hits[0]
     assumed.append(f"column {quoted(recording.columns[hits[0]])} is time in seconds")
+
+
+def _say_unit(column: Column, choice: Choice) -> None:
+    """A warning where the time that a user chose bears another unit in its name."""
+    unit = re.search(r"(?:^|_)(ms|us|ns|min|h|hz)$", words.plain(column.name))
+    if unit:
+        choice.warned.append(
+            f"column {quoted(column)} was chosen as time and is read in seconds, but its name "
+            f"says {unit[1]}"
+        )
 
 
 def _named(recording: Recording, index: int | None, name: str) -> bool:

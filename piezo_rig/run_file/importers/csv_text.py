@@ -67,7 +67,9 @@ def read_csv(path: Path) -> list[Recording]:
             load=table.load,
             where=table.where,
             positional=False,
-            notes=[] if comments is None else [f"line {comments} is taken as its header"],
+            named=bool(header),
+            notes=table.notes
+            + ([] if comments is None else [f"line {comments} is taken as its header"]),
             warnings=warnings + table.warnings,
         )
     ]

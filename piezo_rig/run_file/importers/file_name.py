@@ -8,7 +8,9 @@ conditions are never taken for repeats of each other.
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 _SENSE = re.compile(r"(?<![A-Za-z0-9])sens(?:e|itivity)?[ _-]?(\d{1,6})(?![\d.,]*\d)", re.I)
 _REPEAT = re.compile(r"(?<![A-Za-z0-9])(?:test|repeat|rep|run)[ _-]?(\d{1,6})(?!\d)", re.I)
@@ -55,3 +57,17 @@ def parse_name(stem: str) -> NameSays:
 
 def _ordered(a: float, b: float) -> tuple[float, float]:
     return (a, b) if a <= b else (b, a)
+
+
+def distinct_names(paths: Sequence[Path]) -> dict[Path, str]:
+    """A name for every path: its file's, with as many folders as set it apart from the others."""
+    whole = {path: path.absolute().parts for path in paths}
+    names = {}
+    for path, parts in whole.items():
+        others = [p for p in whole.values() if p != parts]
+        kept = next(
+            (n for n in range(1, len(parts)) if all(p[-n:] != parts[-n:] for p in others)),
+            len(parts),
+        )
+        names[path] = "/".join(parts[-kept:])
+    return names

@@ -94,7 +94,14 @@ def text_bytes(path: Path, data: bytes, code: str) -> tuple[bytes, list[str]]:
             "the file was not closed properly"
         )
         data = trimmed
-    if b"\0" in data or not data.strip():
+    if data and not data.strip():
+        raise InputError(
+            code,
+            f"{path}: holds nothing but empty lines",
+            cause="the recording was never written, or the copy failed",
+            remedy="copy it again from the computer that recorded it",
+        )
+    if b"\0" in data or not data:
         raise InputError(
             code,
             f"{path}: is not text" if data else f"{path}: holds nothing but zero bytes",

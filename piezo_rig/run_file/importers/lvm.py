@@ -34,7 +34,8 @@ from piezo_rig.run_file.importers.lvm_header import (
     stamp_of,
 )
 from piezo_rig.run_file.importers.number_table import NumberTable, split_cells
-from piezo_rig.run_file.importers.recording import Column, Recording
+from piezo_rig.run_file.importers.recording import Column, Recording, quoted
+from piezo_rig.run_file.importers.words import is_time
 from piezo_rig.run_file.sweep import FloatArray
 
 MOST_SEGMENTS = 5000
@@ -59,6 +60,8 @@ def read_lvm(path: Path) -> list[Recording]:
     else:
         recordings = _with_header(path, text)
     recordings[0].warnings[:0] = warnings
+    if len(recordings) > 1:
+        recordings = [replace(r, segment=k) for k, r in enumerate(recordings, start=1)]
     return recordings
 
 
@@ -133,6 +136,11 @@ def _segment(
     empty_x = not multi and (
         file_header.first("X_Columns").lower() == "no" or not first_row[0].strip()
     )
+    timed = [
+        i
+        for i in range(width)
+        if i not in x_columns and names is not None and i < len(names) and is_time(names[i])
+    ]
     columns = []
     for i in range(width):
         at = i + 1 - lead  # headers keep a cell for their key, whether or not rows do
@@ -140,12 +148,19 @@ def _segment(
         if i in x_columns:
             columns.append(Column(name or "X_Value", is_time=True))
             continue
+        if i in timed:
+            columns.append(Column(name, is_time=True))
+            continue
         step = number_of(path, "Delta_X", header, at)
+        if empty_x:  # a channel that bears the name of time stands in for the column that is empty
+            own_time = timed[0] if timed else None
+        else:
+            own_time = i - 1 if multi else 0
         columns.append(
             Column(
                 name or f"column {i + 1}",
-                time_column=None if empty_x else (i - 1 if multi else 0),
-                step_s=step if step is not None and step > 0 else None,
+                time_column=own_time,
+                step_s=step,
                 first_s=number_of(path, "X0", header, at) or 0.0,
                 stamp=stamp_of(file_header, header, at, warnings),
             )
@@ -162,6 +177,7 @@ def _segment(
     )
     breaks = table.blocks()
     warnings += table.warnings
+    notes = table.notes + [f"{quoted(columns[i])} is a time, not a drive" for i in timed]
     warnings += [
         f"{table.where(row)} begins a block of rows without a header of its own; "
         "the header before it was used"
@@ -176,6 +192,7 @@ def _segment(
         where=table.where,
         positional=True,
         breaks=breaks,
+        notes=notes,
         warnings=list(dict.fromkeys(warnings)),
     )
 

@@ -56,6 +56,7 @@ class NumberTable:
     most_cells: int | None = None
     fewest_cells: int = 1
     by_hand: bool = False
+    notes: list[str] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
     _line_numbers: list[int] | None = field(default=None, init=False, repr=False)
 
@@ -209,7 +210,11 @@ class NumberTable:
         return re.search(pattern, self.body) is not None
 
     def _drop_torn_row(self) -> None:
-        """Drop a last row without line end unless its last number is provably whole."""
+        """Drop a last row without line end where it was, or may have been, cut off.
+
+        A row with all its cells is kept, unless its last number may be the beginning of another:
+        shorter than the ones above it where these are of one length, or far from them.
+        """
         if self.body.endswith(b"\n") or not self.body:
             return
         cut = self.body.rfind(b"\n") + 1
@@ -218,10 +223,9 @@ class NumberTable:
         rows = [split_cells(decoded(line), self.separator) for line in before if line.strip()]
         if self._whole(torn, rows):
             self.body += b"\n"
-        elif self.by_hand and self._goes_on(torn, rows):
-            self.warnings.append(
-                "the last line has no line end; its sample was kept, because it goes on from "
-                "the ones before"
+        elif self._complete(torn) and (self.by_hand or self._goes_on(torn, rows)):
+            self.notes.append(
+                "the last line has no line end; it has all its cells, so its sample was kept"
             )
             self.body += b"\n"
         else:
@@ -230,6 +234,12 @@ class NumberTable:
                 f"line {line} ends without a line end and may be cut off: that sample was dropped"
             )
             self.body = self.body[:cut]
+
+    def _complete(self, torn: list[str]) -> bool:
+        """Whether a row has as many numbers as there are columns, and no more."""
+        return len(torn) == len(self.names) and all(
+            _NUMBER.fullmatch(cell.strip().replace(",", ".")) for cell in torn
+        )
 
     def _whole(self, torn: list[str], rows: list[list[str]]) -> bool:
         width = len(self.names)
@@ -243,16 +253,17 @@ class NumberTable:
     def _goes_on(self, torn: list[str], rows: list[list[str]]) -> bool:
         """Whether every number of the last row lies as near to the row before as is usual."""
         width = len(self.names)
-        if len(torn) != width or len(rows) < 3:
+        if len(rows) < 3:
             return False
+        decimals = {_decimals(row[width - 1]) for row in rows if len(row) >= width}
+        if len(rows) > 3 and len(decimals) == 1 and None not in decimals:
+            return False  # of one length but for this one
         try:
             table = np.array([[_plain_number(c) for c in row] for row in [*rows, torn]])
         except ValueError:
             return False
         steps = np.abs(np.diff(table, axis=0))
-        shortest = min(len(row[-1].strip()) for row in rows)
-        near = bool(np.all(steps[-1] <= 2.0 * steps[:-1].max(axis=0)))
-        return near and len(torn[-1].strip()) >= shortest
+        return bool(np.all(steps[-1] <= 2.0 * steps[:-1].max(axis=0)))
 
 
 def split_cells(line: str, separator: str) -> list[str]:

@@ -23,7 +23,8 @@ class Column:
     group : TDMS group, else empty
     is_time : a time axis rather than a measurement
     time_column : index of the column that holds this channel's times, None for none
-    step_s, first_s : spacing and first time that the file declares for this channel
+    step_s, first_s : spacing and first time that the file declares for this channel; a spacing
+        of 0 or less is kept for the message, no samples are placed by it
     stamp : seconds since the Unix epoch to which this channel's times are added, None for none
     """
 
@@ -49,6 +50,8 @@ class Recording:
     where : words for the place of a sample, as in ``line 17``
     positional : whether command, sensor and monitor may be taken by their order
     breaks : samples at which a block of rows begins that has no header of its own
+    named : whether the file names its columns
+    segment : which of several segments of the file it is, counted from 1; 0 for the only one
     continues : whether it has no header of its own but goes on under the one before
     notes, warnings : sentences without the file's name
     """
@@ -61,6 +64,8 @@ class Recording:
     positional: bool
     breaks: tuple[int, ...] = ()
     continues: bool = False
+    named: bool = True
+    segment: int = 0
     notes: list[str] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
 

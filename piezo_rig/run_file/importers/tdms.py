@@ -11,8 +11,9 @@ import io
 import logging
 import time
 import warnings as python_warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -22,6 +23,7 @@ import numpy as np
 from piezo_rig.errors import InputError
 from piezo_rig.run_file.importers.guards import read_bytes, refuse_mislabelled
 from piezo_rig.run_file.importers.recording import Column, Recording
+from piezo_rig.run_file.importers.tdms_segments import MOST, starts
 from piezo_rig.run_file.importers.words import is_time
 from piezo_rig.run_file.sweep import FloatArray
 
@@ -29,6 +31,7 @@ CODE = "import-tdms"
 _PATIENCE_S = 2.0  # for any file, and then ...
 _FIRST_MB_S, _MORE_MB_S = 1.0, 5.0  # ... for each megabyte of it
 _MOST_SCALES = 100
+_MOST_JITTER = 10.0  # steps; a start time may be taken by software
 _MOST_CHANNELS = 2000
 
 
@@ -61,17 +64,71 @@ def read_tdms(path: Path) -> list[Recording]:
     for i, channel in enumerate(channels):
         if _is_time(channel):
             times.setdefault(channel.group_name, i)
-    return [
-        Recording(
-            path=path,
-            kind="tdms",
-            columns=tuple(_column(path, channel, times) for channel in channels),
-            load=partial(_load, path, channels),
-            where=lambda sample: f"sample {sample}",
-            positional=True,
-            warnings=_told(complaints),
+    whole = Recording(
+        path=path,
+        kind="tdms",
+        columns=tuple(_column(path, channel, times) for channel in channels),
+        load=partial(_load, path, channels),
+        where=lambda sample: f"sample {sample}",
+        positional=True,
+        warnings=_told(complaints),
+    )
+    return _in_parts(path, data, channels, whole)
+
+
+def _in_parts(path: Path, data: bytes, channels: list[Any], whole: Recording) -> list[Recording]:
+    """The recording, cut where segments give start times that do not follow from what is before."""
+    begins = starts(data)
+    steps = {column.step_s for column in whole.columns if not column.is_time}
+    step = next(iter(steps)) if len(steps) == 1 else None
+    if len(begins) < 2 or any(c.is_time for c in whole.columns) or not step or step < 0:
+        return [whole]
+    samples = len(channels[0])
+    edges, stamps, jitter = [0], [begins[0].stamp_s], 0.0
+    even = len(begins) <= MOST and all(len(channel) == samples for channel in channels)
+    for start in begins[1:] if even else []:
+        with _guarded(path):
+            before = _channels(path, _PatientFile(data[: start.position]))
+            lengths = {len(channel) for channel in before}
+        if len(lengths) != 1 or len(before) != len(channels):
+            even = False
+            break
+        at = lengths.pop()
+        late = start.stamp_s - stamps[-1] - (at - edges[-1]) * step
+        if abs(late) > _MOST_JITTER * step and at - edges[-1] >= 2 and samples - at >= 2:
+            edges.append(at)
+            stamps.append(start.stamp_s)
+        else:
+            jitter = max(jitter, abs(late))
+    if not even:
+        whole.warnings.append(
+            f"its segments give {len(begins)} start times; they are taken to follow each other "
+            "without a gap"
         )
-    ]
+        edges, stamps = [0], [begins[0].stamp_s]
+    elif jitter > 0.5 * step:
+        whole.warnings.append(
+            f"the start times of its segments are up to {jitter:.3g} s off its sampling; where "
+            "they are, the samples are taken to follow each other"
+        )
+    parts = []
+    for k, (a, stamp) in enumerate(zip(edges, stamps, strict=True)):
+        b = edges[k + 1] if k + 1 < len(edges) else samples
+        columns = tuple(replace(column, stamp=stamp) for column in whole.columns)
+        warnings = whole.warnings if k == 0 else []
+        parts.append(replace(
+            whole, columns=columns, warnings=warnings, load=_cut(whole, a, b),
+            where=_shifted(whole, a), segment=k + 1 if len(edges) > 1 else 0,
+        ))  # fmt: skip
+    return parts
+
+
+def _cut(whole: Recording, a: int, b: int) -> Callable[[Sequence[int]], list[FloatArray]]:
+    return lambda columns: [values[a:b] for values in whole.load(columns)]
+
+
+def _shifted(whole: Recording, a: int) -> Callable[[int], str]:
+    return lambda sample: whole.where(a + sample)
 
 
 class _PatientFile(io.BytesIO):
@@ -174,7 +231,7 @@ def _column(path: Path, channel: Any, times: dict[str, int]) -> Column:
         group=group,
         is_time=own_time,
         time_column=None if own_time else times.get(group),
-        step_s=step if step is not None and step > 0 else None,
+        step_s=step,
         first_s=_property(path, channel, "wf_start_offset") or 0.0,
         stamp=_stamp(properties.get("wf_start_time")),
     )

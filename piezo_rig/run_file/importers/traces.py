@@ -95,7 +95,7 @@ def traces_of(
     if DRIVE not in require and choice.command is not None and not choice.is_drive:
         choice.command = None
     arrays = dict(zip(choice.taken(), recording.load(choice.taken()), strict=True))
-    warnings = _trim(recording, choice, arrays)
+    warnings = choice.warned + _trim(recording, choice, arrays)
     for index, values in arrays.items():
         _refuse_holes(recording, index, values)
     trace = _placed(recording, choice, arrays, warnings)
@@ -155,10 +155,18 @@ def _refuse_holes(recording: Recording, index: int, values: FloatArray) -> None:
     raise InputError(
         f"import-{recording.kind}",
         f"{recording.path}: {recording.where(first)}, column {quoted(recording.columns[index])} "
-        f"is {what}" + (f" ({wrong.size} samples in all)" if wrong.size > 1 else ""),
+        f"is {what}"
+        + _counted(recording, first)
+        + (f" ({wrong.size} samples in all)" if wrong.size > 1 else ""),
         cause="the acquisition lost samples, or the file is damaged",
         remedy="cut the recording before that place, or record it again; nothing is filled in",
     )
+
+
+def _counted(recording: Recording, sample: int) -> str:
+    """The number of a sample, and of its segment, where its place in the file is a line."""
+    of = f" of segment {recording.segment}" if recording.segment else ""
+    return f" at sample {sample}{of}" if of or recording.where(sample) != f"sample {sample}" else ""
 
 
 def _placed(
@@ -179,7 +187,7 @@ def _placed(
     if choice.time is not None:
         times = arrays[choice.time]
         rate_from = f"from the times in column {quoted(recording.columns[choice.time])}"
-    elif column.step_s is not None:
+    elif column.step_s is not None and column.step_s > 0:
         even_step = column.step_s
         times = column.first_s + np.arange(arrays[lead].size, dtype=np.float64) * even_step
         rate_from = f"as the file declares for {quoted(column)}"
@@ -187,7 +195,12 @@ def _placed(
         raise InputError(
             "import-time",
             f"{recording.path}: says nowhere when its samples of {quoted(column)} were taken",
-            cause="it has no time channel and declares no spacing (Delta_X, wf_increment)",
+            cause="it has no time channel and declares "
+            + (
+                "no spacing (Delta_X, wf_increment)"
+                if column.step_s is None
+                else f"a spacing (Delta_X, wf_increment) of {column.step_s:g} s, which is none"
+            ),
             remedy="choose a time channel with --time, or export it as .csv with time_s",
         )
     _compare_channels(recording, choice, lead, times, warnings)
@@ -205,7 +218,7 @@ def _placed(
     return Trace(
         times_s=times,
         even_step_s=even_step,
-        declared_step_s=column.step_s,
+        declared_step_s=column.step_s if (column.step_s or 0.0) > 0 else None,
         stamp_s=stamp,
         clock=clock,
         rate_from=rate_from,
@@ -235,7 +248,7 @@ def _compare_channels(
         other = recording.columns[index]
         if other.time_column not in (None, reference.time_column, choice.time):
             own = recording.load([other.time_column])[0][: times.size]
-        elif choice.time is None and other.step_s is not None:
+        elif choice.time is None and other.step_s is not None and other.step_s > 0:
             own = other.first_s + np.arange(times.size, dtype=np.float64) * other.step_s
         else:
             continue

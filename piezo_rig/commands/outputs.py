@@ -1,0 +1,45 @@
+"""No verb writes over what it reads."""
+
+from __future__ import annotations
+
+import argparse
+import os
+
+INPUTS = ("data", "files", "drive", "runs", "run", "protocol", "rig", "target", "points")
+NAMES_OR_FILES = ("model", "baseline")  # a name such as `range` is no file, whatever lies about
+OUTPUTS = ("out", "json", "report", "save_model", "figure", "record", "config_out")
+
+
+def refuse_overwriting(args: argparse.Namespace) -> None:
+    """Raise InputError where an output of a verb is one of its inputs, by whatever name."""
+    from piezo_rig.errors import InputError
+
+    given = vars(args)
+    inputs: list[str] = []
+    for name in INPUTS:
+        value = given.get(name)
+        values = value if isinstance(value, list) else [value]
+        inputs += [v for v in values if isinstance(v, str)]
+    for name in NAMES_OR_FILES:
+        value = given.get(name)
+        inputs += [value] if isinstance(value, str) and os.path.splitext(value)[1] else []
+    for name in OUTPUTS:
+        out = given.get(name)
+        if not isinstance(out, str):
+            continue
+        for path in inputs:
+            if _same(path, out):
+                raise InputError(
+                    "overwrites-input",
+                    f"--{name.replace('_', '-')} {out} is the input {path}",
+                    "a slip on the command line; nothing was read or written",
+                    "give another name to write to",
+                )
+
+
+def _same(path: str, out: str) -> bool:
+    """Whether both are one file that exists; a folder is no file."""
+    try:
+        return os.path.isfile(out) and os.path.samefile(path, out)
+    except (OSError, ValueError):
+        return False
