@@ -32,6 +32,7 @@ CLOSE, RUN_OFF = 0.4, 4  # share of the best score, and how many are refitted to
 DIFFERENT = 1e-4  # a member must differ from nothing at this level
 NEEDED = 3.0  # log-likelihood that decides between models
 LARGE = 300.0  # log-likelihood above which the linear start is not trusted
+PARABOLAS = 2
 FURTHER, FURTHER_BY = 4, 1.4
 EXCHANGES = 3
 WORSE = 1.02  # the error on what was not fitted may rise by this
@@ -399,7 +400,9 @@ class _Search:
         try:
             settle(self.space, here.point)
             point = extended(self.space, here, candidate, columns, found.likelihood, form)
-            fitted = refit(self.space, point)
+            fitted = refit(self.space, point, held=True)
+            if "reach" in form[0].parameters:
+                fitted = self.reached(fitted, candidate.id)
             if fitted.evidence > here.evidence + LARGE:
                 fitted = self.further(fitted, candidate.id)
         except InputError:  # it cannot even be played at the size that the data ask for
@@ -412,6 +415,38 @@ class _Search:
             )
             return None
         return fitted
+
+    def reached(self, fitted: Fitted, id: str) -> Fitted:
+        """The reach of a law where the evidence is largest, by parabolas over its logarithm."""
+        known = {self.reach_of(fitted, id): fitted}
+        step = np.log(FINER[1] / FINER[0])
+        for _ in range(PARABOLAS):
+            best = max(known, key=lambda r: known[r].evidence)
+            for r in (best * np.exp(-step), best * np.exp(step)):
+                if not any(abs(np.log(r / k)) < 0.3 * step for k in known):
+                    known[r] = self.at_reach(known[best], id, r)
+            x = np.log(sorted(known))
+            y = np.array([known[r].evidence for r in sorted(known)])
+            i = int(np.clip(np.argmax(y), 1, x.size - 2))
+            a, b, _ = np.polyfit(x[i - 1 : i + 2] - x[i], y[i - 1 : i + 2], 2)
+            if a < 0 and abs(b) < -4.0 * a * step:
+                r = float(np.exp(x[i] - b / (2.0 * a)))
+                if not any(abs(np.log(r / k)) < 1e-3 for k in known):
+                    known[r] = self.at_reach(known[best], id, r)
+            if 0 < int(np.argmax(y)) < y.size - 1:
+                step *= 0.5
+        return max(known.values(), key=lambda f: f.evidence)
+
+    def reach_of(self, fitted: Fitted, id: str) -> float:
+        stage = fitted.point.model.stage(id)
+        assert stage is not None
+        return float(stage["reach"])
+
+    def at_reach(self, fitted: Fitted, id: str, reach: float) -> Fitted:
+        stage = fitted.point.model.stage(id)
+        assert stage is not None
+        moved = fitted.point.model.with_stage(stage.with_values(reach=float(reach)))
+        return refit(self.space, replace(fitted.point, model=moved), held=True)
 
     def further(self, fitted: Fitted, id: str) -> Fitted:
         """A large effect once more from further out: what a small one mimics may hold it back."""
@@ -426,7 +461,7 @@ class _Search:
             limits = stage.limits if isinstance(stage, Cause) else {}
             value = float(np.clip(value, *limits.get(names[0], (-np.inf, np.inf))))
             moved = point.model.with_stage(stage.with_values(**{names[0]: value}))
-            there = refit(self.space, replace(point, model=moved))
+            there = refit(self.space, replace(point, model=moved), held=True)
             if there.evidence < fitted.evidence + NEEDED:
                 break
             fitted = there

@@ -125,7 +125,7 @@ def _left_out(space: Space, fitted: Fitted, measured: Groups) -> Errors:
         linear = space.with_residual(about, point, leave=k)
         change = np.zeros(len(point.sizes))
         if change.size:
-            change, _ = parameter_step(point, linear, fitted.scales)
+            change, _ = parameter_step(point, linear, fitted.scales, held=True)
             change = _bounded(point, fitted, change)
         values = point.values()
         values[n:] += change
@@ -167,7 +167,7 @@ def refold(point: Point, fitted: Fitted, train: Sequence[int] | None) -> Point:
     n = point.linear
     change = np.zeros(len(point.sizes))
     if change.size:
-        change, _ = parameter_step(point, fitted.linear, fitted.scales, train)
+        change, _ = parameter_step(point, fitted.linear, fitted.scales, train, held=True)
         change = _bounded(point, fitted, change)
     values = point.values()
     values[n:] += change

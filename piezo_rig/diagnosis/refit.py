@@ -24,7 +24,6 @@ from piezo_rig.errors import InputError
 FloatArray = NDArray[np.float64]
 STEPS = 5
 HALVED = 8
-NEAR = 0.05  # relative step of a reach: it begins close to its best
 SETTLED = 0.05  # standard errors
 BEND = 0.05  # plausible second difference of compliances, of their mean
 TOGETHER = 50.0  # samples that count as one, for the weight of that
@@ -77,8 +76,12 @@ def parameter_step(
     linear: Linear,
     scales: tuple[float, float],
     pieces: Sequence[int] | None = None,
+    held: bool = False,
 ) -> tuple[FloatArray, FloatArray]:
-    """Generalised least squares step (q,) of the stage parameters, and their covariance."""
+    """Generalised least squares step (q,) of the stage parameters, and their covariance.
+
+    ``held`` : optional parameters stay where they are
+    """
     n, q = point.linear, len(point.sizes)
     if q == 0:
         return np.zeros(0), np.zeros((0, 0))
@@ -98,7 +101,17 @@ def parameter_step(
     scaled = information * np.outer(size, size)
     scaled += 1e-12 * np.trace(scaled) / q * np.eye(q)
     covariance = np.asarray(np.linalg.inv(scaled), float) * np.outer(size, size)
-    return covariance @ right, covariance
+    free = np.array([not (held and _optional(point, id, n)) for id, n in point.names])
+    step = np.zeros(q)
+    step[free] = size[free] * np.linalg.solve(
+        scaled[np.ix_(free, free)], size[free] * right[free]
+    )
+    return step, covariance
+
+
+def _optional(point: Point, id: str, name: str) -> bool:
+    stage = point.model.stage(id)
+    return stage is not None and name in stage.optional
 
 
 def _information(
@@ -119,23 +132,23 @@ def covariance_of(reduced: Reduced, scales: tuple[float, float]) -> FloatArray:
     )
 
 
-def refit(space: Space, point: Point, steps: int = STEPS) -> Fitted:
+def refit(space: Space, point: Point, steps: int = STEPS, held: bool = False) -> Fitted:
     """Gauss-Newton on all free numbers from a start; scales are profiled on the way.
 
-    What the assumed laws of the model's causes leave open is in the covariance.
+    ``held`` : optional parameters, as a law's reach, stay where they are. What the assumed laws of the model's causes leave open is in the covariance.
     """
     settle(space, point)
     linear = space.linear(point)
     scales = (0.0, 0.0)
     covariance = np.zeros((0, 0))
-    n, q = point.linear, len(point.sizes)
+    q = len(point.sizes)
     for step in range(steps):
         if point.fixed and q == 0:
             break
         if q:
             if step in (0, 2):
                 scales = _likelihood(point, linear)[0].best_scales(range(-q, 0))
-            change, covariance = parameter_step(point, linear, scales)
+            change, covariance = parameter_step(point, linear, scales, held=held)
             change = _within(point, change)
         else:
             change = np.zeros(0)
@@ -150,7 +163,9 @@ def refit(space: Space, point: Point, steps: int = STEPS) -> Fitted:
         if settled and step > 0:
             break
     likelihood, columns = _likelihood(point, linear)
-    return Fitted(point, linear, covariance, scales, likelihood.evidence(columns))
+    used = [c for c, (id, n) in zip(columns, point.names, strict=True)
+            if not (held and _optional(point, id, n))]  # fmt: skip
+    return Fitted(point, linear, covariance, scales, likelihood.evidence(used))
 
 
 def settle(space: Space, point: Point) -> None:
@@ -219,8 +234,6 @@ def _within(point: Point, change: FloatArray) -> FloatArray:
     for j, (id, name, size) in enumerate(point.sizes):
         out[j] = np.clip(out[j], -300.0 * abs(size), 300.0 * abs(size))
         stage: Stage | None = point.model.stage(id)
-        if stage is not None and name in stage.optional:
-            out[j] = np.clip(out[j], -NEAR * abs(values[j]), NEAR * abs(values[j]))
         if isinstance(stage, Cause) and name in stage.limits:
             low, high = stage.limits[name]
             out[j] = np.clip(values[j] + out[j], low, high) - values[j]

@@ -43,8 +43,7 @@ def find_spikes(groups: Groups, model: Model) -> Spikes:
         predicted = group.predicted(model)
         marks = np.array([_marks(row - predicted, groups.travel_um) for row in group.measured_um])
         if group.repeats > 1:  # what every repeat shows at the same place is no accident
-            near = ndimage.maximum_filter1d(marks.astype(np.int8), 3, axis=1) > 0
-            marks &= ~np.all(near, axis=0)
+            marks &= np.array([_alone(group.measured_um, k) for k in range(group.repeats)])
         rows = []
         for row, mark in zip(group.measured_um, marks, strict=True):
             found = _events(mark)
@@ -72,6 +71,14 @@ def _marks(residual: FloatArray, travel_um: float) -> NDArray[np.bool_]:
         if b - a > LONGEST:
             mark[a:b] = False
     return mark if mark.mean() < MOST else np.zeros_like(mark)
+
+
+def _alone(rows: FloatArray, k: int) -> NDArray[np.bool_]:
+    """Where recording k stands off the mean of the others as well."""
+    apart = rows[k] - np.delete(rows, k, axis=0).mean(axis=0)
+    off = apart - ndimage.median_filter(apart, 2 * LONGEST + 1, mode="nearest")
+    sigma = 1.4826 * float(np.median(np.abs(off)))
+    return np.abs(off) > 0.75 * FAR * sigma
 
 
 def _events(mark: NDArray[np.bool_]) -> list[tuple[int, int]]:
