@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 
@@ -18,7 +19,7 @@ from piezo_rig.diagnosis.confusion import Confusion, confusion
 from piezo_rig.diagnosis.fit import Point, starting_model
 from piezo_rig.diagnosis.follow_up import FollowUp, follow_up
 from piezo_rig.diagnosis.groups import Groups, group_tracks
-from piezo_rig.diagnosis.held_out import Errors, gain, held_out_errors, reported_kind
+from piezo_rig.diagnosis.held_out import Errors, gain, held_out_errors, refold, reported_kind
 from piezo_rig.diagnosis.hum import find_hum
 from piezo_rig.diagnosis.refit import Fitted, refit, settle
 from piezo_rig.diagnosis.space import Space
@@ -181,7 +182,7 @@ def diagnose(
     refused = ladder.scans[-1].refused if ladder.scans else {}
     return Diagnosis(
         len(sweeps), sum(s.samples for s in sweeps), raw.repeats, kind,
-        recording_offsets(clean, last, sweeps), name, rungs, floor, findings, rest, advice,
+        recording_offsets(space, clean, ladder.first, sweeps), name, rungs, floor, findings, rest, advice,
         model, [*([ladder.first.point.model] * (1 + len(stages))),
                 *(s.fitted.point.model for s in ladder.steps)],
         notes, warnings, refused,
@@ -309,21 +310,23 @@ def _with_offset(model: Model, stage: FirstSpring) -> Model:
 
 
 def recording_offsets(
-    groups: Groups, fitted: Fitted, sweeps: Sequence[Sweep]
+    space: Space, groups: Groups, fitted: Fitted, sweeps: Sequence[Sweep]
 ) -> list[tuple[str, float]]:
-    """Offset of every source against the model, less that of the first one."""
-    from pathlib import Path
-
+    """Offset of every source against the model as the first source alone fits it."""
     found: dict[str, list[float]] = {}
+    sources = [{Path(sweeps[i].source).name for m in g.sweeps for i in m} for g in groups.groups]
+    train = [k for k, p in enumerate(space.pieces) if sources[p.group] & sources[0]]
     model = fitted.point.model
+    if len(train) < len(space.pieces):
+        model = refold(fitted.point, fitted, train).model
     for g in groups.groups:
         predicted = model.place_um(g.drive_v, g.history)
         for members, row in zip(g.sweeps, g.measured_um, strict=True):
             sweep = sweeps[members[0]]
-            a, b = g.blocks[0]
+            inside = np.concatenate([np.arange(a, b) for a, b in g.blocks])
             # absolute: the zero that was taken off the record is put back
             zero = sweep.polarity * sweep.zero_v * sweep.sensitivity_um_per_v
-            value = float(np.mean(row[a:b] - predicted[a:b])) + zero
+            value = float(np.mean((row - predicted)[inside])) + zero
             source = Path(sweep.source).name or sweep.name
             found.setdefault(source, []).append(value)
     first = None

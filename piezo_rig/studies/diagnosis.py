@@ -123,7 +123,11 @@ def _checked(case: Case, found: Diagnosis, baseline: str) -> Row:
     errors = [_rms_nm(again, m) for m in models] if clean else None
     gains = None
     if errors is not None:
-        gains = [100.0 * (1.0 - b / a) for a, b in pairwise(errors)]
+        gains = [
+            100.0 * (1.0 - b / a)
+            for (a, b), rung in zip(pairwise(errors), found.rungs[1:], strict=True)
+            if rung.finding is not None
+        ]
     return {"gains_again": gains, "unseen": _on_unseen(case, models, baseline)}
 
 

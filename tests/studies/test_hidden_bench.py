@@ -227,7 +227,8 @@ def test_gains_are_checked_on_a_second_session_and_an_unseen_drive(monkeypatch):
     def found(sweeps, baseline):
         models = [Known(())] + ([Known(case.effects)] if sweeps is case.sweeps else [])
         said = SimpleNamespace(cause="creep")
-        return SimpleNamespace(rung_models=models, rungs=models, findings=[said][: len(models) - 1])
+        rungs = [SimpleNamespace(finding=None if i == 0 else i - 1) for i in range(len(models))]
+        return SimpleNamespace(rung_models=models, rungs=rungs, findings=[said][: len(models) - 1])
 
     monkeypatch.setattr(diagnosis, "diagnose", found)
     said = diagnosis._checked(case, found(case.sweeps, "classical"), "classical")
