@@ -56,7 +56,7 @@ class RateDependence(Cause):
         if "by_slope" in self.parameters and self["by_slope"]:
             x = np.ascontiguousarray(signal.displacement_um)
             followed = x - lagged(time, x, WINDOW_S)
-            whole = float(np.ptp(x)) / max(float(np.ptp(drive)), 1e-30)
+            whole = max(float(np.ptp(x)), 1e-30) / max(float(np.ptp(drive)), 1e-30)
             known = np.abs(moved) > 1e-9 * max(float(np.ptp(drive)), 1e-30)
             slope = np.divide(followed, moved, out=np.zeros_like(x), where=known) / whole
             lag = lag * np.clip(slope, 0.0, MOST)

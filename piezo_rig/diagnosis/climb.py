@@ -28,13 +28,13 @@ from piezo_rig.errors import InputError
 FloatArray = NDArray[np.float64]
 LEVEL = 0.01
 MOST = 8  # findings
-CLOSE, RUN_OFF = 0.4, 4  # share of the best score, and how many are refitted to compare
+CLOSE, RUN_OFF = 0.4, 3  # share of the best score, and how many are refitted to compare
 DIFFERENT = 1e-4  # a member must differ from nothing at this level
 NEEDED = 3.0  # log-likelihood that decides between models
 LARGE = 300.0  # log-likelihood above which the linear start is not trusted
 PARABOLAS = 2
 FURTHER, FURTHER_BY = 4, 1.4
-EXCHANGES = 3
+EXCHANGES = 2
 WORSE = 1.02  # the error on what was not fitted may rise by this
 BEND = Bend.id
 FINER = 2.0 ** np.linspace(-0.75, 0.75, 13)  # of a reach
@@ -380,6 +380,7 @@ class _Search:
             if worth <= 0.0:
                 self.barred[id] = "once refitted it says no more than the model without it"
                 continue
+            fitted = self.reached(fitted, id)
             value = self.carries_over(fitted)
             if value > WORSE * error:
                 self.barred[id] = (
@@ -401,8 +402,6 @@ class _Search:
             settle(self.space, here.point)
             point = extended(self.space, here, candidate, columns, found.likelihood, form)
             fitted = refit(self.space, point, held=True)
-            if "reach" in form[0].parameters:
-                fitted = self.reached(fitted, candidate.id)
             if fitted.evidence > here.evidence + LARGE:
                 fitted = self.further(fitted, candidate.id)
         except InputError:  # it cannot even be played at the size that the data ask for
@@ -418,7 +417,10 @@ class _Search:
 
     def reached(self, fitted: Fitted, id: str) -> Fitted:
         """The reach of a law where the evidence is largest, by parabolas over its logarithm."""
-        known = {self.reach_of(fitted, id): fitted}
+        stage = fitted.point.model.stage(id)
+        if stage is None or "reach" not in stage.parameters:
+            return fitted
+        known = {stage["reach"]: fitted}
         step = np.log(FINER[1] / FINER[0])
         for _ in range(PARABOLAS):
             best = max(known, key=lambda r: known[r].evidence)
@@ -437,16 +439,11 @@ class _Search:
                 step *= 0.5
         return max(known.values(), key=lambda f: f.evidence)
 
-    def reach_of(self, fitted: Fitted, id: str) -> float:
-        stage = fitted.point.model.stage(id)
-        assert stage is not None
-        return float(stage["reach"])
-
     def at_reach(self, fitted: Fitted, id: str, reach: float) -> Fitted:
         stage = fitted.point.model.stage(id)
         assert stage is not None
         moved = fitted.point.model.with_stage(stage.with_values(reach=float(reach)))
-        return refit(self.space, replace(fitted.point, model=moved), held=True)
+        return refit(self.space, replace(fitted.point, model=moved), steps=2, held=True)
 
     def further(self, fitted: Fitted, id: str) -> Fitted:
         """A large effect once more from further out: what a small one mimics may hold it back."""
@@ -511,6 +508,7 @@ class _Search:
                     Step(id if s.cause == member else s.cause,
                          p if s.cause == member else s.p_value, s.fitted) for s in self.steps
                 ]  # fmt: skip
+                rival = self.reached(rival, result.ids[i])
                 self.steps[-1] = Step(self.steps[-1].cause, self.steps[-1].p_value, rival)
                 self.rearranged = True
                 return True

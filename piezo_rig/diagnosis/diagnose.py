@@ -29,6 +29,7 @@ from piezo_rig.identification import prepare
 from piezo_rig.run_file.sweep import Sweep
 
 Tell = Callable[[str], None]
+SHARE = 0.2  # of the false alarms that a search of the raw recordings may take
 EVENTS = ("outliers",)  # nothing foretells them: no gain
 
 
@@ -114,13 +115,13 @@ def diagnose(
     tried = 2
     count = tried + sum(1 for k in CAUSES.values() if issubclass(k, Cause)) - 2
     clean = raw
-    if spikes.p_value * count < LEVEL:
+    if spikes.p_value * count < SHARE * LEVEL:
         clean = spikes.groups
         stages.append(("outliers", clean))
         early.append(_early("outliers", spikes.p_value * count, spikes.stage().parameters))
         start = refit(_plain_space(clean, start.point.model), start.point)
     hum = find_hum(clean, start.point.model)
-    if hum is not None and hum.p_value * count < LEVEL:
+    if hum is not None and hum.p_value * count < SHARE * LEVEL:
         clean = hum.groups
         stages.append(("mains-hum", clean))
         early.append(_early("mains-hum", hum.p_value * count, hum.stage().parameters))

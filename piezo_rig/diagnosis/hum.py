@@ -169,7 +169,8 @@ def _removed(groups: Groups, model: Model, f: float, p: float) -> Hum:
         cleaned.append(g.with_measured(np.array(rows)))
     size = float(np.sqrt(max(float(np.mean(powers)), 1e-18)))
     n = len(powers)
-    spread = np.std(powers, ddof=1) / (2.0 * size) if n > 1 else np.sqrt(errors[0] / 2.0)
+    scatter = float(np.std(powers, ddof=1)) if n > 1 else 0.0
+    spread = min(scatter / (2.0 * size), np.sqrt(scatter)) if n > 1 else np.sqrt(errors[0] / 2.0)
     error = max(float(spread), float(np.sqrt(np.mean(errors) / 2.0))) / np.sqrt(n)
     resolution = 0.3 / longest / np.sqrt(n)
     return Hum(groups.with_(cleaned), p, f, 1e3 * size, 1e3 * error, resolution)

@@ -256,8 +256,8 @@ class Space:
         thin = self.groups.thinned(group, np.concatenate(rows))
         return thin if bands is None else np.concatenate([bands, thin])
 
-    def _bands(self, group: Group, point: Point) -> FloatArray | None:
-        """Derivative by the compliances, thinned; None where break points move with them."""
+    def _bands(self, group: Group, point: Point) -> FloatArray:
+        """Derivative by the compliances, thinned."""
         model = point.model
         drive = [(s.id, *(p.value for p in s.parameters.values()))
                  for s in model.stages if s.place == "drive"]  # fmt: skip
@@ -265,8 +265,6 @@ class Space:
         key = (id(group), *drive, *tables)
         if key not in self._walked:
             rows = basis.bands(model, group)
-            if rows is None:
-                return None
             if len(self._walked) > MOST_WALKS:
                 self._walked.clear()
             self._walked[key] = self.groups.thinned(group, rows).astype(np.float32)

@@ -2,14 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
-from piezo_rig.identification.data import Data
+from piezo_rig.chain import half_loops
+from piezo_rig.identification.data import Data, Track
 
 FloatArray = NDArray[np.float64]
+SAME = 1e-7  # of the reach: drive changes that differ by less are one level
+EXACT = 8e-13  # of the travel: as far from a line as rounding puts a sample
+ROUNDED = (8e-13, 1e-10, 1e-8, 1e-6)  # the same for data written with fewer digits
+MOST_LINES = 400
+MOST_TURNS = 20_000
 
 
 def equal_volts(reach_v: float, n: int) -> FloatArray:
@@ -31,79 +39,175 @@ def equal_travel(
     return np.interp(steps, travel, drive)
 
 
-def read_off(data: Data, sigma_um: float) -> tuple[FloatArray, FloatArray]:
+@dataclass(frozen=True, eq=False)
+class BreakPoints:
+    """Volts since the beginning of a half loop; empty where unknown.
+
+    Attributes
+    ----------
+    first, later : of the first rise, and of a later branch
+    sure : every line has three points or more, and crosses its neighbours between points
+    """
+
+    first: FloatArray
+    later: FloatArray
+    sure: bool
+
+
+def read_off(data: Data, sigma_um: float, kind: str, straight: bool = False) -> BreakPoints:
     """Break points of clean, piecewise linear data: of the first rise, and of a later branch.
 
-    Lines are grown sample by sample along the longest half loop of each kind; where one no
-    longer fits, the next begins, and break points are where neighbours cross.
+    Every sample of every half loop lies on a curve that starts at a turning point. Taken together
+    they show it at all drive changes that the recording has anywhere, so that a growing amplitude
+    or few samples a cycle are enough. Lines are drawn through as many neighbouring points as lie
+    on one; break points are where neighbours cross, or a point between two that do not.
 
-    Returns
-    -------
-    first_knots, later_knots : volts since the beginning of the half loop; empty where unknown
+    Parameters
+    ----------
+    kind : ``one`` curve for the first rise and, at twice the size, later branches; ``two``
+        curves; or later branches by a ``law``, of which the longest one is read
+    straight : break points are at the points between which lines cross
     """
-    best = [(0.0, 0, 0, 0), (0.0, 0, 0, 0)]
-    for t, track in enumerate(data.tracks):
-        for start, stop in zip(track.loops.start, track.loops.stop, strict=True):
-            kind = 0 if start == 0 else 1
-            if kind == 0 and not track.virgin:
-                continue
-            if not any(a <= start and stop < b for a, b in track.blocks):
-                continue
-            span = abs(track.drive_v[stop] - track.drive_v[start])
-            if span > best[kind][0] * (1 + 1e-9):
-                best[kind] = (float(span), t, int(start), int(stop))
-    out = []
-    for span, t, start, stop in best:
-        if span == 0.0:
-            out.append(np.empty(0))
-            continue
-        v = data.tracks[t].drive_v[start : stop + 1]
-        y = data.tracks[t].displacement_um[start : stop + 1]
-        distance, change = np.abs(v - v[0]), np.abs(y - y[0])
-        keep = np.concatenate([[True], np.diff(distance) > 1e-12 * span])
-        out.append(_crossings(distance[keep], change[keep], max(sigma_um, 1e-13 * np.ptp(y))))
-    return out[0], out[1]
+    first, later = _points(data, kind == "law")
+    if kind == "one":
+        rises = [(2.0 * x, 2.0 * y) for x, y in first]
+        both, sure = _broken_line([*later, *rises], sigma_um, straight)
+        return BreakPoints(both / 2.0, both, sure)
+    if kind == "law":
+        later = later[:1]
+    else:
+        first = first[:1]  # a first rise that is resumed is shifted to the point reached
+    rise, one = _broken_line(first, sigma_um, straight)
+    branch, other = _broken_line(later, sigma_um, straight)
+    return BreakPoints(rise, branch, one and other)
 
 
-def _crossings(d: FloatArray, y: FloatArray, sigma: float) -> FloatArray:
-    lines: list[tuple[float, float]] = []
+Points = list[tuple[FloatArray, FloatArray]]
+
+
+def _points(data: Data, by_law: bool) -> tuple[Points, Points]:
+    """Drive and displacement since the turning point, of first rises and of later branches.
+
+    Longest first. ``by_law``: only up to where a branch resumes another one.
+    """
+    found: tuple[Points, Points] = ([], [])
+    for track in data.tracks:
+        for ref, begin, end, rise, resumed in _stretches(track):
+            if (rise and not track.virgin) or (by_law and resumed):
+                continue
+            if not any(a <= ref and end <= b for a, b in track.blocks):
+                continue
+            part = slice(begin, end)
+            x = np.abs(track.drive_v[part] - track.drive_v[ref])
+            y = np.abs(track.displacement_um[part] - track.displacement_um[ref])
+            found[0 if rise else 1].append((x, y))
+    for kind in found:
+        kind.sort(key=lambda p: -round(float(p[0][-1]), 9))
+    return found
+
+
+def _stretches(track: Track) -> Iterator[tuple[int, int, int, bool, bool]]:
+    """Samples begin..end on one curve from sample ``ref``; a first rise? one that is resumed?"""
+    v = track.drive_v
+    turns = half_loops(v, 0.0).start
+    if turns.size > MOST_TURNS:
+        return
+    memory: list[int] = []
+    for k, (a, b) in enumerate(pairwise([*(int(t) for t in turns), v.size - 1])):
+        if k:
+            memory.append(a)
+        up = v[b] > v[a]
+        run = v[a : b + 1] if up else -v[a : b + 1]
+        done, resumed = 0, False
+        while True:
+            ref = memory[-1] if memory else 0
+            limit = np.inf
+            if memory:
+                limit = v[memory[-2]] if len(memory) > 1 else 2.0 * v[0] - v[ref]
+                limit = limit if up else -limit
+            upto = int(np.searchsorted(run, limit, side="right"))
+            if upto > done:
+                yield ref, a + done, a + upto, not memory, resumed
+            done, resumed = max(done, upto), True
+            if run[-1] < limit:
+                break
+            del memory[-2:]
+            if done >= run.size:
+                break
+
+
+def _broken_line(parts: Points, sigma: float, straight: bool) -> tuple[FloatArray, bool]:
+    """Break points of the line on which all points (volts, um) lie; are they sure?"""
+    if not parts:
+        return np.empty(0), True
+    x = np.concatenate([np.zeros(1), *(p[0] for p in parts)])
+    y = np.concatenate([np.zeros(1), *(p[1] for p in parts)])
+    order = np.argsort(x, kind="stable")
+    x, y = x[order], y[order]
+    group = np.cumsum(np.diff(x, prepend=x[0]) > SAME * x[-1])
+    count = np.bincount(group)
+    x, y = np.bincount(group, x) / count, np.bincount(group, y) / count
+    lines: list[tuple[int, int]] = []
+    for share in ROUNDED:
+        lines = _lines(x, y, max(8.0 * sigma, share * float(np.ptp(y))))
+        if lines and 3 * len(lines) <= x.size:
+            break
+    return _crossings(x, y, lines, straight)
+
+
+def _lines(x: FloatArray, y: FloatArray, tolerance: float) -> list[tuple[int, int]]:
+    """Runs of points (first, one past last) on a line each; none where there are too many."""
+
+    def fits(i: int, j: int) -> bool:
+        slope, level = _line(x[i:j], y[i:j])
+        return bool(np.max(np.abs(level + slope * x[i:j] - y[i:j])) <= tolerance)
+
+    out: list[tuple[int, int]] = []
     i = 0
-    tolerance = 8.0 * sigma
-    while i + 2 < d.size:
-        # a line through three samples, refitted as it grows
-        j = i + 3
-        slope, level = np.polyfit(d[i:j] - d[i], y[i:j], 1)
-        if np.max(np.abs(level + slope * (d[i:j] - d[i]) - y[i:j])) > tolerance:
-            i += 1
+    while i < x.size:
+        good, step = min(i + 2, x.size), 1
+        while good < x.size and fits(i, min(good + step, x.size)):
+            good, step = min(good + step, x.size), 2 * step
+        bad = min(good + step, x.size + 1)
+        while bad - good > 1:
+            middle = (good + bad) // 2
+            good, bad = (middle, bad) if fits(i, middle) else (good, middle)
+        out.append((i, good))
+        i = good
+        if len(out) > MOST_LINES:
+            return []
+    return out
+
+
+def _line(x: FloatArray, y: FloatArray) -> tuple[float, float]:
+    """Slope and level at 0 of the line through points."""
+    centre, height = float(x.mean()), float(y.mean())
+    u = x - centre
+    power = float(u @ u)
+    slope = float(u @ (y - height)) / power if power > 0 else 0.0
+    return slope, height - slope * centre
+
+
+def _crossings(
+    x: FloatArray, y: FloatArray, lines: list[tuple[int, int]], straight: bool
+) -> tuple[FloatArray, bool]:
+    """Where neighbouring lines cross, or both points between them where they do not cross there."""
+    knots: list[float] = []
+    sure = True
+    for (a, b), (_, d) in pairwise(lines):
+        left, right = float(x[b - 1]), float(x[b])
+        if d - b < 2:  # one point is left over at the end
+            knots.append(left if straight else 0.5 * (left + right))
+            sure = False
             continue
-        while j < d.size and abs(level + slope * (d[j] - d[i]) - y[j]) <= tolerance:
-            j += 1
-            if j - i in (6, 12, 24, 48, 96):
-                slope, level = np.polyfit(d[i:j] - d[i], y[i:j], 1)
-        # the last sample may lie just past the break
-        stop = max(j - 1, i + 3)
-        slope, level = np.polyfit(d[i:stop] - d[i], y[i:stop], 1)
-        lines.append((float(slope), float(level - slope * d[i])))
-        i = j
-        if len(lines) > 400:
-            return np.empty(0)
-    tail: list[float] = []
-    if lines and i < d.size:  # a last piece too short for a line of its own
-        slope, level = lines[-1]
-        beyond = np.flatnonzero(np.abs(level + slope * d - y) > tolerance)
-        beyond = beyond[beyond >= i - 1]
-        if beyond.size >= 2:
-            a, b = beyond[-2], beyond[-1]
-            steep = (y[b] - y[a]) / (d[b] - d[a])
-            lines.append((float(steep), float(y[b] - steep * d[b])))
-        elif beyond.size:
-            tail = [float((d[-1] + d[-2]) / 2.0)]
-    knots = tail
-    for (s, c), (s2, c2) in pairwise(lines):
-        if abs(s2 - s) > 1e-9 * abs(s):
-            knots.append((c - c2) / (s2 - s))
-    found = np.array(knots)
-    gap = 1e-6 * d[-1]
-    good = (found > gap) & (found < d[-1] - gap)
-    found = np.sort(found[good])
-    return found[np.concatenate([[True], np.diff(found) > gap])] if found.size else found
+        (s, c), (s2, c2) = _line(x[a:b], y[a:b]), _line(x[b:d], y[b:d])
+        at = (c - c2) / (s2 - s) if s2 != s else np.inf
+        room = 1e-3 * (right - left)
+        crossing = bool(left - room <= at <= right + room)
+        known = crossing and min(b - a, d - b) > 2
+        sure = sure and known
+        knots += [left, right] if straight or not crossing else [float(at)]
+    found = np.unique(np.array(knots))
+    gap = 1e-6 * x[-1]
+    found = found[(found > gap) & (found < x[-1] - gap)]
+    return found[np.diff(found, prepend=-np.inf) > gap], sure

@@ -243,6 +243,34 @@ class Curves:
             return ((0, n0), (start, start + nc - 1))
         return ((0, n0), (n0, n0 + nc))
 
+    def halved(self) -> tuple[Curves, FloatArray, FloatArray]:
+        """The same fit with every band (but a law's first) cut into two.
+
+        Returns
+        -------
+        curves : p' unknowns
+        whole : shape (p', p), unknowns of the halves by those of this fit
+        apart : shape (p', p), by the second half's compliance less the first's; 0 in columns
+            that are no compliance of a run
+        """
+        kept = int(self.by_law)
+        later = _halves(self.later_knots[kept:], self.later_knots[:kept])
+        later_c = np.concatenate([self.later_c[:kept], np.repeat(self.later_c[kept:], 2)])
+        first = _halves(self.first_knots, np.empty(0))
+        curves = replace(
+            self, first_knots=first, first_c=np.repeat(self.first_c, 2), later_c=later_c,
+            later_knots=np.concatenate([self.later_knots[:kept], later]),
+        )  # fmt: skip
+        size = self.pack(False).size
+        tied = np.zeros(size, bool)
+        for a, b in self.runs():
+            tied[a:b] = True
+        owner = np.repeat(np.arange(size), np.where(tied, 2, 1))
+        whole = np.eye(size)[owner]
+        second = np.concatenate([[False], owner[1:] == owner[:-1]])
+        apart = whole * np.where(second, 0.5, -0.5)[:, None] * tied
+        return curves, whole, apart
+
     # -- tables
 
     def later_elements(self, reach_v: float) -> Elements:
@@ -270,3 +298,13 @@ class Curves:
                 stage, given = stage.with_values(offset=float(offset)), True
             out.append(stage)
         return out
+
+
+def _halves(knots: FloatArray, begin: FloatArray) -> FloatArray:
+    """Break points with the middles of all bands; the last is as wide as the one before."""
+    start = begin if begin.size else np.zeros(1)
+    edges = np.concatenate([start, knots])
+    width = np.diff(edges)
+    ends = np.append(edges, edges[-1] + (width[-1] if width.size else 1.0))
+    middles = 0.5 * (ends[1:] + ends[:-1])
+    return np.sort(np.concatenate([knots, middles]))

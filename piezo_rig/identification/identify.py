@@ -23,6 +23,7 @@ from piezo_rig.identification.uncertainty import Bands, bands, linearised
 from piezo_rig.run_file.sweep import Sweep
 
 FloatArray = NDArray[np.float64]
+TIED_PIECES = 60  # the same where there are many elements
 FINE_PIECES = 160  # into which data are cut for their uncertainty
 NOT_EXPLAINED = 0.25  # of the displacement's rms is left: no hysteresis of this drive
 SCHEMES = ("least-squares", "slopes")
@@ -101,15 +102,18 @@ def identify(
     provenance = _provenance(sweeps, runs, scheme)
     ends = [f(t.drive_v) for t in data.tracks for f in (np.min, np.max)]
     provenance |= {"drive_v": [float(min(ends)), float(max(ends))]}
+    provenance |= {"known_v": data.known_v(one_curve)}  # `simulate` warns beyond
     if scheme == "slopes":
         return _by_slopes(data, model, one_curve, laws, elements, provenance)
     fit = least_squares.fit(data, one_curve, laws, elements, tell)
     tell("uncertainty", 0.85)
-    fine, owner = finer(data, fit.pieces, FINE_PIECES)
+    fine, owner = finer(data, fit.pieces, TIED_PIECES if fit.prior else FINE_PIECES)
     by_half_loop = linearised(data, fit.curves, fine)
     normal = by_half_loop.joined(owner, fit.pieces)
     floor = least_squares.floor_of(data)
-    band = bands(data, fit.curves, by_half_loop, floor, seed)
+    band = bands(
+        data, fit.curves, by_half_loop, floor, seed, prior=fit.prior, others=fit.others
+    )
     reach = max(data.first_reach_v, data.later_reach_v / 2.0)
     first = fit.curves.first_elements(reach)
     later = first if one_curve else fit.curves.later_elements(data.later_reach_v)
@@ -118,7 +122,7 @@ def identify(
     provenance |= {"bands95": band.to_dict()}
     built = _build(model, first, later, one_curve, law_stages, provenance)
     tell("held out", 0.9)
-    held = held_out_scores(data, fit.curves, normal, fit.folds, floor)
+    held = held_out_scores(data, fit.curves, normal, fit.folds, floor, fit.prior)
     tell("done", 1.0)
     fitted = scores(data, built.branches())
     notes = [*data.left_out, *fit.notes, *_unexplained(data, fitted)]
@@ -140,6 +144,8 @@ def _by_slopes(
     provenance = provenance | {"held_out": "none", "dx_um": outcome.dx_um}
     provenance |= {"r_squared": dict(outcome.r_squared)} if outcome.r_squared else {}
     built = _build(name, outcome.first, outcome.later, one_curve, list(outcome.laws), provenance)
+    fitted = scores(data, built.branches())
+    worse = _worse_with_laws(data, laws, n, fitted) if laws else []
     folds = Folds.of(data)
     held = None
     if folds.kind in ("condition", "sweep"):
@@ -147,13 +153,30 @@ def _by_slopes(
     return Identification(
         built,
         "slopes",
-        scores(data, built.branches()),
+        fitted,
         held,
         folds.kind if held else "none",
         None,
         outcome,
-        [*data.left_out, *outcome.notes],
+        [*data.left_out, *outcome.notes, *worse],
     )
+
+
+def _worse_with_laws(
+    data: Data, laws: tuple[type[Stage], ...], elements: int, fitted: Scores
+) -> list[str]:
+    """A warning where the model fits better without its laws."""
+    plain = slopes.fit_slopes(data, False, (), elements)
+    model = _build("initiation", plain.first, plain.later, False, [], {})
+    without = scores(data, model.branches())
+    if fitted.rms_nm <= without.rms_nm:
+        return []
+    return [
+        f"warning: with {' and '.join(law.id for law in laws)} the fit is worse (rms "
+        f"{fitted.rms_nm:.3g} nm) than without (`initiation`: {without.rms_nm:.3g} nm): the first "
+        "springs follow no such law, or loops that begin with different slopes drift away from "
+        "each other; identify `initiation`, or by least squares"
+    ]
 
 
 def _slopes_held_out(

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from piezo_rig.chain import Stage, dead_band
 from piezo_rig.chain.half_loops import REACH
 from piezo_rig.errors import InputError
-from piezo_rig.identification.breakpoints import equal_travel, equal_volts, read_off
+from piezo_rig.identification.breakpoints import BreakPoints, equal_travel, equal_volts, read_off
 from piezo_rig.identification.curves import Curves
 from piezo_rig.identification.data import Data
 from piezo_rig.identification.folds import Folds
@@ -29,28 +29,38 @@ from piezo_rig.identification.normal import (
     rms,
 )
 from piezo_rig.identification.polish import polish
-from piezo_rig.identification.solve import FLOOR, fill_unseen, solve_bounded
+from piezo_rig.identification.smooth import Prior
+from piezo_rig.identification.solve import FLOOR, fill_unseen, solve_smooth, untold
+from piezo_rig.identification.tied import tied_linear, tied_with_laws
+from piezo_rig.identification.uncertainty import linearised
 
 FloatArray = NDArray[np.float64]
 FINE = 80  # bands from which coarser grids are summed
+COARSE = 20  # bands with which laws are looked for
 COARSER = (80, 40, 20, 16, 10, 8, 5)
 WORSE = 1.001  # a coarser grid may predict this much worse than the best
 THESIS_ELEMENTS = 40
 ALMOST = 0.999  # equal displacements must fit better by this, or equal drives are kept
 CLEAN = 3e-6  # noise below this share of the travel: break points can be read off
 EXACT = 1e-3  # of the rms on a grid: break points that were read off are the true ones
+ROUNDING = 1e-11  # of the travel: the error of a fit that is exact but for rounding
 ALIKE = 0.02  # regressors that vary less, relative to their size, do not vary
 Progress = Callable[[str, float], None]
 
 
 @dataclass(frozen=True, eq=False)
 class LeastSquares:
-    """A fit before it becomes a model."""
+    """A fit before it becomes a model.
+
+    ``others``: fits as good as ``curves`` that differ between the points of data without noise.
+    """
 
     curves: Curves
     pieces: tuple[Piece, ...]
     folds: Folds
     notes: tuple[str, ...]
+    prior: Prior | None = None
+    others: tuple[Curves, ...] = ()
 
 
 def fit(
@@ -60,14 +70,31 @@ def fit(
     elements: int | None,
     progress: Progress,
 ) -> LeastSquares:
-    """Fit one or two curves and the laws of the first spring; see the module."""
+    """Fit one or two curves and the laws of the first spring; see the module.
+
+    Noisy data get tied elements (`tied`) unless their number is given.
+    """
     folds = Folds.of(data)
     pieces = pieces_of(data, cycles=folds.kind == "cycles")
     notes: list[str] = []
     if not one_curve and not data.has_first_rise:
         notes.append("no first rise from rest in the data: the initiation curve is taken as the "
                      "later branch at half its size")  # fmt: skip
+    notes += [folds.warning] if folds.warning else []
     progress("elements", 0.1)
+    sigma = max(dead_band(t.displacement_um) for t in data.tracks) / REACH
+    clean = sigma < CLEAN * data.travel_um
+    few = data.one_repeat()  # what is looked for by trial is looked for there
+    few_pieces = pieces if few is data else pieces_of(few, cycles=folds.kind == "cycles")
+    if elements is None and not clean:
+        curves, prior = _tied(data, one_curve, laws, pieces, folds, few, few_pieces)
+        gram = linearised(data, curves, pieces).gram.sum(axis=0)
+        sizes = (curves.first_c.size, curves.later_c.size)[: 1 if one_curve else 2]
+        notes.append(
+            f"{' and '.join(map(str, sizes))} elements tied to their neighbours, as good as "
+            f"{prior.effective(gram):.0f} free ones (marginal likelihood, held-out {folds.kind})"
+        )
+        return LeastSquares(curves, pieces, folds, tuple(notes), prior)
     if elements is None:
         spaced = [_chosen(data, one_curve, pieces, folds, notes)]
         if laws and data.has_first_rise:
@@ -76,8 +103,6 @@ def fit(
     else:
         spaced = _given(data, one_curve, pieces, elements)
     progress("curves", 0.4)
-    few = data.one_repeat()  # what is looked for by trial is looked for there
-    few_pieces = pieces if few is data else pieces_of(few, cycles=folds.kind == "cycles")
     fitted = [_fit_laws(few, c, laws, few_pieces) for c in spaced]
     errors = [rms(few, residuals(few, c)) for c in fitted]
     curves = fitted[-1] if errors[-1] < ALMOST * errors[0] else fitted[0]
@@ -89,11 +114,44 @@ def fit(
             f"(rms {1e3 * min(errors):.3g} against {1e3 * max(errors):.3g} nm)"
         )
     progress("law", 0.6)
-    sigma = max(dead_band(t.displacement_um) for t in data.tracks) / REACH
-    if sigma < CLEAN * data.travel_um:
-        curves = _clean(data, curves, pieces, sigma, notes)
+    others: tuple[Curves, ...] = ()
+    if clean:
+        curves, others = _clean(data, curves, pieces, sigma, bool(folds.warning), notes)
+    missing = untold(linearised(data, curves, pieces).gram.sum(axis=0)).shape[1]
+    if missing:
+        notes.append(
+            f"warning: the data cannot tell {missing} of the elements from their neighbours "
+            "(the drive never stops between): there they go on as the neighbours do"
+        )
     progress("curves", 0.8)
-    return LeastSquares(curves, pieces, folds, tuple(notes))
+    return LeastSquares(curves, pieces, folds, tuple(notes), None, others)
+
+
+def _tied(
+    data: Data,
+    one_curve: bool,
+    laws: tuple[type[Stage], ...],
+    pieces: tuple[Piece, ...],
+    folds: Folds,
+    few: Data,
+    few_pieces: tuple[Piece, ...],
+) -> tuple[Curves, Prior]:
+    """Curves of many tied elements, with the laws fitted.
+
+    ``few``, ``few_pieces``: one repeat, on which the first break is looked for.
+    """
+    first_reach, later_reach = _reaches(data)
+    reach = max(first_reach, later_reach / 2.0)
+    grid = equal_volts(reach if one_curve else first_reach, FINE)
+    start = _start(data, one_curve, grid, equal_volts(later_reach, FINE))
+    x, prior = tied_linear(data, start, pieces, folds, floor_of(data))
+    curves = with_compliances(start, x, data.has_first_rise)
+    if not laws:
+        return curves, prior
+    grids = (equal_volts(reach, COARSE) for reach in (first_reach, later_reach))
+    coarse, _ = linear(few, _start(data, False, *grids), few_pieces)
+    begun = _fit_laws(few, coarse, laws, few_pieces)
+    return tied_with_laws(data, few, curves, begun, prior, folds, pieces, few_pieces)
 
 
 def _fit_laws(
@@ -170,9 +228,8 @@ def _with_laws(data: Data, curves: Curves, pieces: tuple[Piece, ...]) -> Curves:
 def linear(data: Data, curves: Curves, pieces: tuple[Piece, ...]) -> tuple[Curves, Normal]:
     """Compliances at the break points of ``curves`` (no laws)."""
     normal = normal_equations(data, curves, pieces)
-    x = solve_bounded(
-        normal.gram.sum(axis=0), normal.right.sum(axis=0), curves.bounded(False), floor_of(data)
-    )
+    gram, right = normal.gram.sum(axis=0), normal.right.sum(axis=0)
+    x = solve_smooth(gram, right, curves.bounded(False), floor_of(data), curves.runs())
     return with_compliances(curves, x, data.has_first_rise), normal
 
 
@@ -262,12 +319,20 @@ def _chosen(
         bounded = np.ones(matrix.shape[1], bool)
         return folds.held_out_power(small, bounded, floor, sizes)
 
-    best = {n: score((n,) if one_curve else (n, n)) for n in COARSER}
+    gram = normal.gram.sum(axis=0)
+
+    def told(sizes: tuple[int, ...]) -> bool:
+        matrix = _summing(sizes)
+        return untold(matrix.T @ gram @ matrix).shape[1] == 0
+
+    alike = {n: (n,) if one_curve else (n, n) for n in COARSER}
+    told_apart = [n for n in COARSER if told(alike[n])] or [COARSER[-1]]
+    best = {n: score(alike[n]) for n in told_apart}
     least = min(best.values())
     n = min(k for k, v in best.items() if v <= least * WORSE**2)
     sizes: tuple[int, ...] = (n,) if one_curve else (n, n)
     if not one_curve and data.has_first_rise:
-        firsts = {k: score((k, n)) for k in COARSER}
+        firsts = {k: score((k, n)) for k in COARSER if k == n or told((k, n))}
         least = min(firsts.values())
         sizes = (min(k for k, v in firsts.items() if v <= least * WORSE**2), n)
     notes.append(
@@ -296,16 +361,20 @@ def _summing(sizes: tuple[int, ...]) -> FloatArray:
 
 
 def _clean(
-    data: Data, curves: Curves, pieces: tuple[Piece, ...], sigma: float, notes: list[str]
-) -> Curves:
-    """Break points moved to where clean data have them; kept only if that is a different class."""
+    data: Data, curves: Curves, pieces: tuple[Piece, ...], sigma: float, sparse: bool,
+    notes: list[str],
+) -> tuple[Curves, tuple[Curves, ...]]:
+    """Break points moved to where clean data have them; kept only if that is a different class.
+
+    Returns also fits that are as good: where few levels of drive (``sparse``) or few points on a
+    line leave it open what happens between points.
+    """
     before = rms(data, residuals(data, curves))
     starts = []
-    first, later = read_off(data, sigma)
-    if later.size and (first.size or not data.has_first_rise):
-        read = _from_read(data, curves, first, later)
-        if read is not None:
-            starts.append(read)
+    kind = "one" if curves.shared else "law" if curves.laws else "two"
+    points = read_off(data, sigma, kind)
+    read = _from_read(data, curves, points)
+    starts += [read] if read is not None else []
     starts.append(replace(curves, dx_um=0.0))
     best, error = curves, before
     for start in starts:
@@ -316,24 +385,32 @@ def _clean(
             continue
         if value < error:
             best, error = moved, value
-        if error < EXACT * before:
+        if error < max(EXACT * before, ROUNDING * data.travel_um):
             break
-    if error < 0.2 * before:
+    by_reading = best is not curves and start is read
+    if error < 0.2 * before or (by_reading and error < ROUNDING * data.travel_um):
         notes.append(
             f"the data carry no noise: break points follow them ({best.first_c.size} and "
             f"{best.later_c.size} pieces), rms from {1e3 * before:.3g} to {1e3 * error:.3g} nm"
         )
-        return best
-    return curves
+        others: tuple[Curves, ...] = ()
+        if by_reading and (sparse or not points.sure) and not curves.laws:
+            other = _from_read(data, curves, read_off(data, sigma, kind, straight=True))
+            others = (other,) if other is not None else ()
+            notes.append(
+                "warning: there may be more break points between samples than the data tell "
+                "(the bands say how much that matters)"
+            )
+        return best, others
+    return curves, ()
 
 
-def _from_read(data: Data, curves: Curves, first: FloatArray, later: FloatArray) -> Curves | None:
+def _from_read(data: Data, curves: Curves, points: BreakPoints) -> Curves | None:
     laws = curves.laws
-    if curves.shared:
-        knots = np.sort(np.concatenate([first, later / 2.0]))
-        gap = 1e-4 * max(data.first_reach_v, data.later_reach_v)
-        first = knots[np.concatenate([[True], np.diff(knots) > gap])]
-    elif not data.has_first_rise:
+    first, later = points.first, points.later
+    if not later.size or (data.has_first_rise and not first.size):
+        return None
+    if curves.shared or not data.has_first_rise:
         first = later / 2.0
     if first.size > 200 or later.size > 200 or (laws and later.size < 2):
         return None

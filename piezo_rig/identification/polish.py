@@ -9,6 +9,7 @@ from piezo_rig.errors import InputError
 from piezo_rig.identification.curves import Curves
 from piezo_rig.identification.data import Data
 from piezo_rig.identification.normal import Piece, normal_equations, residuals, rms
+from piezo_rig.identification.smooth import Prior
 
 FloatArray = NDArray[np.float64]
 STEPS = 40
@@ -21,18 +22,28 @@ def polish(
     knots: bool,
     steps: int = STEPS,
     enough: float = 1e-5,
+    prior: Prior | None = None,
 ) -> tuple[Curves, float]:
     """Damped Gauss-Newton from a start; returns the best fit and its rms in um.
 
-    Stops when a step gains less than ``enough`` of the rms.
+    Stops when a step gains less than ``enough`` of the rms. With a prior (not with ``knots``)
+    its penalty counts as a part of the residual sum of squares.
     """
+    size = curves.pack(knots).size
+    penalty = prior.penalty(size) if prior is not None else np.zeros((size, size))
+    samples = sum(b - a for t in data.tracks for a, b in t.blocks)
+
+    def error(left: list[FloatArray], x: FloatArray) -> float:
+        return float(np.sqrt(rms(data, left) ** 2 + x @ penalty @ x / samples))
+
     left = residuals(data, curves)
-    best = rms(data, left)
+    best = error(left, curves.pack(knots))
     damping = 1e-9
     for _ in range(steps):
         normal = normal_equations(data, curves, pieces, left, knots)
-        gram, right = normal.gram.sum(axis=0), normal.right.sum(axis=0)
         x = curves.pack(knots)
+        gram = normal.gram.sum(axis=0) + penalty
+        right = normal.right.sum(axis=0) - penalty @ x
         bounded = curves.bounded(knots)
         gained = False
         for _ in range(8):
@@ -41,7 +52,7 @@ def polish(
             try:
                 trial = curves.unpack(x + step, knots)
                 trial_left = residuals(data, trial)
-                value = rms(data, trial_left)
+                value = error(trial_left, trial.pack(knots))
             except InputError:  # a law left its range: shorter step
                 value = np.inf
             if value < best:
@@ -65,7 +76,11 @@ def _step(gram: FloatArray, right: FloatArray, damping: float) -> FloatArray:
     g = gram[np.ix_(seen, seen)] * np.outer(scale, scale)
     g[np.diag_indices_from(g)] += damping
     step = np.zeros(right.size)
-    solution, *_ = np.linalg.lstsq(g, right[seen] * scale, rcond=1e-15)
+    try:  # as good as always; a rank that is short needs the slower way
+        np.linalg.cholesky(g)
+        solution = np.linalg.solve(g, right[seen] * scale)
+    except np.linalg.LinAlgError:
+        solution, *_ = np.linalg.lstsq(g, right[seen] * scale, rcond=1e-15)
     step[seen] = solution * scale
     return step
 

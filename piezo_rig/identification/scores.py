@@ -13,6 +13,7 @@ from piezo_rig.identification.curves import Curves
 from piezo_rig.identification.data import Data
 from piezo_rig.identification.folds import Folds
 from piezo_rig.identification.normal import Normal
+from piezo_rig.identification.smooth import Prior
 from piezo_rig.identification.solve import continuity, solve_bounded
 
 FloatArray = NDArray[np.float64]
@@ -69,7 +70,12 @@ def scores(data: Data, branches: Branches) -> Scores:
 
 
 def held_out_scores(
-    data: Data, curves: Curves, normal: Normal, folds: Folds, floor: float
+    data: Data,
+    curves: Curves,
+    normal: Normal,
+    folds: Folds,
+    floor: float,
+    prior: Prior | None = None,
 ) -> Scores | None:
     """Scores on what a refit never saw.
 
@@ -78,8 +84,11 @@ def held_out_scores(
     if folds.kind == "none":
         return None
     all_gram, all_right = normal.gram.sum(axis=0), normal.right.sum(axis=0)
-    noise = float(normal.power.sum() / normal.count.sum())
-    all_gram += continuity(curves.pack(False), curves.runs(), all_gram, noise)
+    if prior is not None:
+        all_gram += prior.penalty(all_right.size)
+    else:
+        noise = float(normal.power.sum() / normal.count.sum())
+        all_gram += continuity(curves.pack(False), curves.runs(), all_gram, noise)
     bounded, centre, parts = curves.bounded(False), curves.pack(False), []
     for group in folds.groups:
         held = list(group)

@@ -8,6 +8,8 @@ from numpy.typing import NDArray
 FloatArray = NDArray[np.float64]
 FLOOR = 1e-3  # a compliance stays above this share of the mean one
 UNSEEN = 1e-10  # of the largest: a column with less variance was never visited
+RANK = 1e-11  # of the largest eigenvalue: what lies below was never told apart
+Runs = tuple[tuple[int, int], ...]
 
 
 def solve_bounded(
@@ -42,8 +44,67 @@ def solve_bounded(
     return x
 
 
+def untold(gram: FloatArray) -> FloatArray:
+    """Basis of the changes of visited unknowns that the data do not see, shape (p, k)."""
+    scale, seen = _scale(gram)
+    values, vectors = np.linalg.eigh(gram[np.ix_(seen, seen)] * np.outer(scale[seen], scale[seen]))
+    null = vectors[:, values < RANK * values[-1]]
+    out = np.zeros((gram.shape[0], null.shape[1]))
+    out[seen] = scale[seen, None] * null
+    return out
+
+
+def solve_smooth(
+    gram: FloatArray,
+    right: FloatArray,
+    bounded: NDArray[np.bool_],
+    floor: float,
+    runs: Runs,
+) -> FloatArray:
+    """Like `solve_bounded`; what the data do not tell apart differs as little as it can.
+
+    ``runs``: (first, one past last) index of neighbouring compliances.
+    """
+    null = untold(gram)
+    if null.shape[1] == 0:
+        return solve_bounded(gram, right, bounded, floor)
+    scale, seen = _scale(gram)
+    g = gram * np.outer(scale, scale)
+    values, vectors = np.linalg.eigh(g)
+    good = values > RANK * values[-1]
+    x = scale * (vectors[:, good] @ ((right * scale) @ vectors[:, good] / values[good]))
+    between = steps_between(seen, runs)
+    shift, *_ = np.linalg.lstsq(between @ null, -(between @ x), rcond=None)
+    x = x + null @ shift
+    if np.all(x[bounded & seen] >= floor):
+        return np.where(seen, x, np.nan)
+    back = null / np.where(seen, scale, 1.0)[:, None] ** 2
+    full = gram + back @ back.T
+    return solve_bounded(full, full @ x, bounded, floor)
+
+
+def steps_between(seen: NDArray[np.bool_], runs: Runs) -> FloatArray:
+    """Matrix of the steps from every visited compliance of a run to the next, shape (m, p)."""
+    rows = []
+    for a, b in runs:
+        index = a + np.flatnonzero(seen[a:b])
+        row = np.zeros((max(index.size - 1, 0), seen.size))
+        row[np.arange(index.size - 1), index[1:]] = 1.0
+        row[np.arange(index.size - 1), index[:-1]] = -1.0
+        rows.append(row)
+    return np.concatenate(rows)
+
+
+def _scale(gram: FloatArray) -> tuple[FloatArray, NDArray[np.bool_]]:
+    diagonal = np.diag(gram)
+    seen = diagonal > UNSEEN * diagonal.max()
+    scale = np.zeros(diagonal.size)
+    scale[seen] = 1.0 / np.sqrt(diagonal[seen])
+    return scale, seen
+
+
 def continuity(
-    x: FloatArray, runs: tuple[tuple[int, int], ...], gram: FloatArray, noise: float
+    x: FloatArray, runs: Runs, gram: FloatArray, noise: float
 ) -> FloatArray:
     """Ridge on steps between neighbouring compliances, shape (p, p).
 
@@ -89,9 +150,13 @@ def fill_unseen(values: FloatArray) -> FloatArray:
 
 
 def condition_number(gram: FloatArray) -> float:
-    """Of the Gram matrix with unit diagonal, over the unknowns that were visited."""
+    """Of a Gram matrix with unit diagonal, over the unknowns that were visited.
+
+    No larger than rounding lets it be told (about 1e14): more means that the rank is short.
+    """
     diagonal = np.diag(gram)
     seen = diagonal > UNSEEN * diagonal.max()
     scale = 1.0 / np.sqrt(diagonal[seen])
     eigen = np.linalg.eigvalsh(gram[np.ix_(seen, seen)] * np.outer(scale, scale))
-    return float(eigen[-1] / max(eigen[0], 1e-300))
+    least = np.finfo(float).eps * eigen.size * eigen[-1]
+    return float(eigen[-1] / max(eigen[0], least))

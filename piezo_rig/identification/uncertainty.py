@@ -33,13 +33,15 @@ from numpy.typing import ArrayLike, NDArray
 from piezo_rig.chain import HalfLoops
 from piezo_rig.identification.curves import Curves
 from piezo_rig.identification.data import Data
-from piezo_rig.identification.normal import Normal, Piece, normal_equations, residuals
-from piezo_rig.identification.solve import UNSEEN, condition_number
+from piezo_rig.identification.normal import Normal, Piece, normal_equations, pieces_of, residuals
+from piezo_rig.identification.smooth import Hidden, Prior
+from piezo_rig.identification.solve import UNSEEN, condition_number, steps_between, untold
 
 FloatArray = NDArray[np.float64]
 DRAWS = 1000
 POINTS = 76  # of a response band
 RANK = 1e-12  # of the largest eigenvalue: what lies below was never told apart
+FEW_TURNS = 4  # half loops of a condition that show its design
 NORMAL_975 = 1.959964
 MOST_FREEDOM = 1e6
 
@@ -55,7 +57,8 @@ class Bands:
         branch that follows the half loop ``later_loop``
     first_compliance, later_compliance : shape (n, 2), band of every compliance, um/V
     laws : parameter -> interval
-    condition_number : of the Gram matrix with unit diagonal
+    condition_number : of the equations that were solved (with the ties between elements, where
+        there are any), with unit diagonal
     drawn : what was drawn again, and how often
     dispersion : variance between units over that of white noise, at least 1
     later_loop : input range, local extremum (V) and direction of the largest half loop
@@ -99,6 +102,7 @@ class Spread:
     scores : shape (u, k), whitened
     noise : shape (k, k), covariance of the sum of all scores
     dispersion : see `Bands`
+    variance : of a sample, um^2, times the dispersion
     """
 
     root: FloatArray
@@ -106,12 +110,18 @@ class Spread:
     scores: FloatArray
     noise: FloatArray
     dispersion: float
+    variance: float
 
     def missing(self) -> FloatArray:
         """Covariance that the units' own residuals lack, shape (k, k)."""
         values, vectors = np.linalg.eigh(self.noise)
         root = (vectors * np.sqrt(np.maximum(values, 0.0))) @ vectors.T
         return np.asarray(root @ np.sum(self.gram @ self.gram, axis=0) @ root, float)
+
+    def variance_along(self, rows: FloatArray) -> float:
+        """Like ``variance``, but for the combinations of unknowns (q, p) that are asked for."""
+        lean = rows @ self.root
+        return float(np.mean(np.sum((lean @ self.noise) * lean, 1) / np.sum(lean**2, 1)))
 
     def draw(self, draws: int, seed: int) -> FloatArray:
         """Refits less the fit, shape (draws, p)."""
@@ -153,31 +163,36 @@ def linearised(data: Data, curves: Curves, pieces: tuple[Piece, ...]) -> Normal:
 
 
 def spread(normal: Normal, x: FloatArray, owner: NDArray[np.int64]) -> Spread:
-    """What the units of a linearised fit disagree by.
+    """What the units disagree by, about the least-squares fit of the unknowns without any prior.
 
     Parameters
     ----------
     normal : by pieces finer than the units, where there are few of them
-    x : the fit, shape (p,)
+    x : shape (p,), where ``normal.power`` is the sum of squares
     owner : unit of every piece, shape (m,)
     """
     full = normal.gram.sum(axis=0)
     diagonal = np.diag(full)
     seen = diagonal > UNSEEN * diagonal.max()
-    scale = np.zeros(x.size)
+    scale = np.zeros(diagonal.size)
     scale[seen] = 1.0 / np.sqrt(diagonal[seen])
     values, vectors = np.linalg.eigh(full * np.outer(scale, scale))
     good = values > RANK * values[-1]
     root = scale[:, None] * vectors[:, good] / np.sqrt(values[good])
+    residual = normal.right - normal.gram @ x
+    step = root @ (root.T @ residual.sum(axis=0))
+    pulled = normal.gram @ step
     white = normal.reduced(root)
-    white = replace(white, right=(normal.right - normal.gram @ x) @ root)
-    samples = float(normal.count.sum())
-    variance = float(normal.power.sum()) / max(samples - root.shape[1], 1.0)
+    white = replace(white, right=(residual - pulled) @ root)
+    power = float(normal.power.sum() + step @ (pulled - 2.0 * residual).sum(axis=0))
+    freedom = max(float(normal.count.sum()) - root.shape[1], 1.0)
+    variance = max(power, 0.0) / freedom
     inner, dispersion = _noise(white, variance * np.eye(root.shape[1]))
     by_unit = white.joined(owner, normal.pieces[: int(owner.max()) + 1])
     # units may disagree more than their pieces do
     _, more = _noise(by_unit, inner)
-    return Spread(root, by_unit.gram, by_unit.right, more * inner, more * dispersion)
+    size = more * dispersion
+    return Spread(root, by_unit.gram, by_unit.right, more * inner, size, size * variance)
 
 
 def _noise(white: Normal, expected: FloatArray) -> tuple[FloatArray, float]:
@@ -210,35 +225,82 @@ def units(data: Data, normal: Normal) -> tuple[NDArray[np.int64], str]:
 
 
 def bands(
-    data: Data, curves: Curves, normal: Normal, floor: float, seed: int, draws: int = DRAWS
+    data: Data,
+    curves: Curves,
+    normal: Normal,
+    floor: float,
+    seed: int,
+    draws: int = DRAWS,
+    prior: Prior | None = None,
+    others: tuple[Curves, ...] = (),
 ) -> Bands:
-    """Bands of the elements, of the response and of the laws; see the module."""
+    """Bands of the elements, of the response and of the laws; see the module.
+
+    Parameters
+    ----------
+    prior : what ties the compliances of the fit, where they are tied
+    others : fits without laws that the data like as well
+    """
     x = curves.pack(False)
     owner, what = units(data, normal)
     found = spread(normal, x, owner)
-    steps = found.draw(draws, seed)
     reach = max(data.first_reach_v, data.later_reach_v / 2.0)
     drive = np.linspace(0.0, reach, POINTS)
     largest = _largest(data)
 
-    def quantities(values: FloatArray) -> FloatArray:
-        c = curves.unpack(values, False)
+    def quantities(values: FloatArray, like: Curves = curves) -> FloatArray:
+        c = like.unpack(values, False)
         parts = [
             _rise(c.first_knots, c.first_c, drive),
             _later(c, largest, 2.0 * drive),
             c.first_c,
             c.later_c,
-            np.array([c.laws[i][n] for i, n in c.law_names]),
+            _law_values(c, c),
         ]
-        if c.by_law:
-            parts.append(np.array([1.0 / c.later_c[0] - 1.0 / c.later_c[1]]))
         return np.concatenate(parts)
 
+    def of_any_grid(c: Curves) -> FloatArray:
+        rise = _rise(c.first_knots, c.first_c, drive)
+        return np.concatenate([rise, _later(c, largest, 2.0 * drive), _law_values(c, curves)])
+
     derivative = _derivative(quantities, x)
-    low, high = np.percentile(steps @ derivative.T, [2.5, 97.5], axis=0)
-    wider = found.widening(derivative)
     centre = quantities(x)
-    band = np.stack([centre + wider * low, centre + wider * high], axis=1)
+    scatter = np.zeros((draws, centre.size))
+    pulled = derivative
+    if prior is not None:
+        hidden = Hidden.of(prior, normal.gram.sum(axis=0))
+        pulled = derivative @ hidden.shrink
+        rng = np.random.default_rng([seed, 1])
+        scatter = rng.standard_normal((draws, x.size)) @ (derivative @ hidden.root).T
+        apart = inside(data, curves, prior, hidden)
+        halved = apart.curves
+        by_half = _derivative(lambda v: quantities(v, halved), halved.pack(False))
+        # compliances of halves are not what is asked for
+        lean = np.zeros((centre.size, x.size))
+        n0, nc = curves.first_c.size, curves.later_c.size
+        wide = halved.first_c.size + halved.later_c.size
+        lean[: 2 * POINTS] = by_half[: 2 * POINTS] @ apart.apart
+        lean[2 * POINTS + n0 + nc :] = by_half[2 * POINTS + wide :] @ apart.apart
+        lean -= derivative @ apart.pulled
+        scatter += (rng.standard_normal((draws, x.size)) * apart.size) @ lean.T
+        if prior.others:
+            values = np.array([of_any_grid(c) for _, c in prior.others])
+            values -= values[0].copy()
+            taken = rng.choice(len(values), draws, p=[w for w, _ in prior.others])
+            scatter[:, : 2 * POINTS] += values[taken, : 2 * POINTS]
+            scatter[:, 2 * POINTS + n0 + nc :] += values[taken, 2 * POINTS :]
+    gram = normal.gram.sum(axis=0)
+    if prior is None:
+        scatter += _never_told(gram, x, curves.runs(), draws, seed) @ derivative.T
+    else:
+        gram = gram + prior.penalty(x.size)
+    for other in others:
+        there = np.concatenate([of_any_grid(other)[: 2 * POINTS], _means(other, curves, reach)])
+        size = np.random.default_rng([seed, 3]).standard_normal(draws)
+        scatter += size[:, None] * (there - centre)
+    scatter += found.widening(pulled) * (found.draw(draws, seed) @ pulled.T)
+    low, high = np.percentile(scatter, [2.5, 97.5], axis=0)
+    band = np.stack([centre + low, centre + high], axis=1)
     n0, nc = curves.first_c.size, curves.later_c.size
     first, later, first_c, later_c, laws = np.split(
         band, np.cumsum([POINTS, POINTS, n0, nc])
@@ -251,11 +313,95 @@ def bands(
         intervals[(with_offset[0].id, "offset")] = _pair(laws[-1])
     return Bands(
         drive, first, later, np.maximum(first_c, floor), np.maximum(later_c, floor), intervals,
-        condition_number(normal.gram.sum(axis=0)),
+        condition_number(gram),
         f"scores of {found.scores.shape[0]} {what} drawn {draws} times",
         found.dispersion,
         (float(largest.range_v[0]), float(largest.extremum_v[0]), float(largest.direction[0])),
     )  # fmt: skip
+
+
+def _means(other: Curves, curves: Curves, reach: float) -> FloatArray:
+    """Compliances of a fit, averaged over the bands of another one."""
+    out = []
+    for knots, end, source, c in (
+        (curves.first_knots, reach, other.first_knots, other.first_c),
+        (curves.later_knots, 2.0 * reach, other.later_knots, other.later_c),
+    ):
+        last = max(end, 1.05 * float(knots[-1])) if knots.size else end
+        edges = np.concatenate([[0.0], knots, [last]])
+        out.append(np.diff(_rise(source, c, edges)) / np.diff(edges))
+    return np.concatenate(out)
+
+
+def _never_told(
+    gram: FloatArray, x: FloatArray, runs: tuple[tuple[int, int], ...], draws: int, seed: int
+) -> FloatArray:
+    """Changes of a free fit that the data do not see, shape (draws, p).
+
+    Neighbours differ by as much as those that the data do tell apart.
+    """
+    null = untold(gram)
+    if null.shape[1] == 0:
+        return np.zeros((draws, x.size))
+    between = steps_between(np.diag(gram) > UNSEEN * np.diag(gram).max(), runs)
+    lean, jumps = between @ null, between @ x
+    step = float(np.sqrt(jumps @ jumps / max(jumps.size - null.shape[1], 1)))
+    values, vectors = np.linalg.eigh(lean.T @ lean)
+    root = null @ (vectors / np.sqrt(np.maximum(values, RANK * values[-1])))
+    rng = np.random.default_rng([seed, 2])
+    return step * rng.standard_normal((draws, null.shape[1])) @ root.T
+
+
+def _law_values(curves: Curves, rest: Curves) -> FloatArray:
+    """Parameters of the laws, and the first of their offsets over the slope that ``rest`` has."""
+    values = [curves.laws[i][n] for i, n in curves.law_names]
+    if curves.by_law:
+        values.append(1.0 / curves.later_c[0] - 1.0 / rest.later_c[1])
+    return np.array(values)
+
+
+@dataclass(frozen=True, eq=False)
+class Inside:
+    """What happens inside the bands of a tied fit, as halves that differ.
+
+    Attributes
+    ----------
+    curves : the fit with halved bands
+    apart : shape (p', p), its unknowns by the differences between halves
+    pulled : shape (p, p), what those do to the fit's own unknowns
+    size : shape (p,), standard deviation of the differences
+    """
+
+    curves: Curves
+    apart: FloatArray
+    pulled: FloatArray
+    size: FloatArray
+
+
+def inside(data: Data, curves: Curves, prior: Prior, hidden: Hidden) -> Inside:
+    """What the prior says of the inside of bands, and where that leads the fit.
+
+    A Wiener process whose means over neighbouring bands differ by variance s^2 has s^2 / 2
+    between the means of a band's halves. The drive is what matters, so a few half loops of every
+    condition do.
+    """
+    halved, whole, apart = curves.halved()
+    few = data.one_repeat()
+    pieces = tuple(_beginning(few, piece) for piece in pieces_of(few))
+    gram = normal_equations(few, halved, pieces).gram.sum(axis=0)
+    own = whole.T @ gram @ whole
+    share = float(np.trace(hidden.gram)) / float(np.trace(own))
+    pulled = hidden.posterior @ (share * (whole.T @ gram @ apart))
+    size = np.zeros(own.shape[0])
+    for (a, b), step in zip(prior.runs, prior.steps, strict=True):
+        size[a:b] = step / np.sqrt(2.0)
+    return Inside(halved, apart, pulled, size)
+
+
+def _beginning(data: Data, piece: Piece) -> Piece:
+    turns = data.tracks[piece.track].loops.start
+    turns = turns[(turns > piece.begin) & (turns < piece.end)]
+    return replace(piece, end=int(turns[FEW_TURNS])) if turns.size > FEW_TURNS else piece
 
 
 def _largest(data: Data) -> HalfLoops:

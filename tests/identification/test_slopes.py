@@ -37,3 +37,22 @@ def test_first_and_last_cycle_are_left_out():
     # of 10 half loops of 0-10 V the first and last two stay out; the top side likewise
     assert "left out" in found.left_out[-1]
     assert len(found.slopes.first_springs.k1) < 20
+
+
+def test_a_law_that_makes_the_fit_worse_is_said():
+    drive, y = classical([0.0, *([TOP, 0.0] * 12)])
+    # rising half loops begin a little softer for another reason than a law
+    y = y - 0.1 * np.sin(np.pi * drive / TOP) * (np.gradient(drive) > 0)
+    one = sweep(drive, y, history="unknown")
+    found = identify([one], "direction", "slopes", elements=7)
+    plain = identify([one], "initiation", "slopes", elements=7)
+    assert found.fitted.rms_nm > plain.fitted.rms_nm
+    assert any("the fit is worse" in note for note in found.left_out)
+    assert not any("the fit is worse" in note for note in plain.left_out)
+
+
+def test_a_law_that_is_there_needs_no_warning():
+    law, _ = LAWS["range"]
+    sweeps = matrix(lambda turns: lawful(turns, law), spans=(6.0, 8.0, FIRST_TOP), top=FIRST_TOP)
+    found = identify(sweeps, "range", "slopes", elements=7)
+    assert not any("the fit is worse" in note for note in found.left_out)

@@ -7,6 +7,8 @@ import pytest
 from recordings import TOP, classical, matrix
 
 from piezo_rig.identification import identify
+from piezo_rig.identification.curves import Curves
+from piezo_rig.identification.smooth import learnt
 from piezo_rig.studies import identification as study
 
 
@@ -26,6 +28,33 @@ def test_bands_cover_the_truth(number):
     found = study._actuator_trials((number, 0, 10)) + study._actuator_trials((number, 1, 10))
     for kind in study.KINDS:
         assert np.mean([np.mean(f[kind]) for f in found]) > 0.82
+
+
+@pytest.mark.parametrize("what", ["classical, chosen, truth has 12", "range, chosen, 12 uneven"])
+def test_bands_cover_a_truth_that_is_off_the_grid(what):
+    number = [case.what for case in study.CASES].index(what)
+    found = [r for actuator in range(6) for r in study._actuator_trials((number, actuator, 1))]
+    for kind in study.KINDS[:4]:
+        assert np.mean([np.mean(f[kind]) for f in found if kind in f]) > 0.82
+
+
+def test_the_step_between_neighbours_is_learnt():
+    rng = np.random.default_rng(0)
+    n, step, noise = 400, 0.03, 1e-4
+    true = 1.0 + np.cumsum(step * rng.standard_normal(n))
+    gram = 50.0 * np.eye(n)  # every compliance was seen by itself, fifty times
+    right = 50.0 * (true + np.sqrt(noise / 50.0) * rng.standard_normal(n))
+    prior = learnt(gram, right, noise, ((0, n),), true)
+    assert prior.steps[0] == pytest.approx(step, rel=0.1)
+
+
+def test_halves_of_bands_draw_the_same_curve():
+    curves = Curves(np.array([2.0, 4.0]), np.array([1.0, 2.0, 3.0]), np.array([4.0, 8.0]),
+                    np.array([1.1, 2.1, 3.1]), False)  # fmt: skip
+    halved, whole, apart = curves.halved()
+    assert halved.first_knots == pytest.approx([1, 2, 3, 4, 5])
+    assert halved.pack(False) == pytest.approx(whole @ curves.pack(False))
+    assert np.sum(apart, axis=0) == pytest.approx(0.0)
 
 
 def test_few_sweeps_make_wide_bands():
