@@ -35,7 +35,6 @@ LARGE = 300.0  # log-likelihood above which the linear start is not trusted
 PARABOLAS = 2
 FURTHER, FURTHER_BY = 4, 1.4
 EXCHANGES = 2
-WORSE = 1.02  # the error on what was not fitted may rise by this
 BEND = Bend.id
 FINER = 2.0 ** np.linspace(-0.75, 0.75, 13)  # of a reach
 VISIBLE = 3.0  # d' that the largest plausible size must reach, or the cause is not looked for
@@ -282,7 +281,7 @@ def climb(
     first: Fitted,
     rng: np.random.Generator,
     tell: Tell,
-    carries_over: Callable[[Fitted], float],
+    held_out: Sequence[tuple[Callable[[Fitted], float], float]],
     others: int = 0,
 ) -> Ladder:
     """Forward selection from a fitted baseline, with exchanges at the end.
@@ -292,10 +291,11 @@ def climb(
 
     Parameters
     ----------
-    carries_over : rms error of a rung on parts of the data that its refits did not see
+    held_out : rms errors of a rung on parts of the data that its refits did not see, and the
+        factor by which each may rise
     others : causes that were tried elsewhere (on the raw recordings), for the correction
     """
-    search = _Search(space, first, rng, tell, carries_over, others)
+    search = _Search(space, first, rng, tell, held_out, others)
     search.forward()
     for _ in range(EXCHANGES):
         if not search.exchange():
@@ -310,7 +310,7 @@ class _Search:
     first: Fitted
     rng: np.random.Generator
     tell: Tell
-    carries_over: Callable[[Fitted], float]
+    held_out: Sequence[tuple[Callable[[Fitted], float], float]]
     others: int
     steps: list[Step] = field(default_factory=list)
     scans: list[Scan] = field(default_factory=list)
@@ -374,24 +374,31 @@ class _Search:
             if fitted is not None:
                 worth = fitted.evidence - here.evidence - 2.0 * result.null_median[i]
                 tried.append((worth, int(i), fitted))
-        error = self.carries_over(here)
         for worth, i, fitted in sorted(tried, key=lambda t: -t[0]):
             id = result.ids[i]
             if worth <= 0.0:
                 self.barred[id] = "once refitted it says no more than the model without it"
                 continue
             fitted = self.reached(fitted, id)
-            value = self.carries_over(fitted)
-            if value > WORSE * error:
-                self.barred[id] = (
-                    f"fits, but predicts data that it has not seen worse ({value:.3g} nm "
-                    f"against {error:.3g} nm)"
-                )
+            worse = self.worse(fitted, here)
+            if worse is not None:
+                self.barred[id] = worse
                 continue
             self.steps.append(Step(id, float(family[i]), fitted))
             self.prune()
             return True
         return bool(close)
+
+    def worse(self, fitted: Fitted, than: Fitted) -> str | None:
+        """Why an extension is refused: it does not carry over; None where it does."""
+        for held_out, limit in self.held_out:
+            value, error = held_out(fitted), held_out(than)
+            if value > limit * error:
+                return (
+                    f"fits, but predicts data that it has not seen worse ({value:.3g} nm "
+                    f"against {error:.3g} nm)"
+                )
+        return None
 
     def refitted(self, here: Fitted, found: Found, i: int) -> Fitted | None:
         """The model with a cause put in; None where that comes to nothing."""
@@ -500,7 +507,7 @@ class _Search:
                 rival = self.refitted(less, found, int(i))
                 if rival is None or rival.evidence < full.evidence + NEEDED:
                     continue
-                if self.carries_over(rival) > WORSE * self.carries_over(full):
+                if self.worse(rival, full) is not None:
                     continue
                 p = float(self.family(result)[i])
                 self.barred = {id: why for id, why in self.barred.items() if id != result.ids[i]}

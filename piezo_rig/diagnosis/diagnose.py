@@ -29,6 +29,7 @@ from piezo_rig.identification import prepare
 from piezo_rig.run_file.sweep import Sweep
 
 Tell = Callable[[str], None]
+WORSE, AWAY = 1.03, 1.3  # by which an extension may raise held-out errors
 SHARE = 0.2  # of the false alarms that a search of the raw recordings may take
 EVENTS = ("outliers",)  # nothing foretells them: no gain
 
@@ -137,9 +138,15 @@ def diagnose(
     def carries_over(fitted: Fitted) -> float:
         return held_out_errors(space, fitted, folds).rms_nm
 
-    ladder = climb(space, first, rng, tell, carries_over, others=tried)
-    tell("held out")
     kind = reported_kind(clean, folds)
+
+    def reported(fitted: Fitted) -> float:
+        return held_out_errors(space, fitted, kind).rms_nm
+
+    # conditions that were left out ask for extrapolation: only a model that runs away is refused
+    gates = [(reported, WORSE)] if kind == folds else [(reported, WORSE), (carries_over, AWAY)]
+    ladder = climb(space, first, rng, tell, gates, others=tried)
+    tell("held out")
     rungs, gains = _rungs(raw, stages, space, kind, ladder, rng, baseline)
     if kind != folds and folds in ("condition", "sweep"):
         ends = carries_over(ladder.first), carries_over(ladder.last)

@@ -16,6 +16,7 @@ from piezo_rig.diagnosis.space import Piece, Space
 
 FloatArray = NDArray[np.float64]
 ROUNDS = 3
+EXACT = 1e-5
 
 
 def scales_of(groups: Groups) -> Scales:
@@ -89,7 +90,12 @@ def repeat_spectrum(groups: Groups) -> Spectrum | None:
             off = groups.thinned(g, row - mean) / np.sqrt(share)
             parts += [off[a:b] for a, b in groups.edges(g)]
             freedom.append(share)
-    return spectrum_of(parts, float(np.mean(freedom))) if parts else None
+    return spectrum_of(parts, float(np.mean(freedom)), least_noise(groups)) if parts else None
+
+
+def least_noise(groups: Groups) -> float:
+    """Exact data are taken to have this noise, um^2: no sensor resolves more of its travel."""
+    return (EXACT * groups.travel_um) ** 2
 
 
 def generous_spectrum(space: Space, point: Point, rng: np.random.Generator) -> Spectrum:
@@ -127,12 +133,13 @@ def generous_spectrum(space: Space, point: Point, rng: np.random.Generator) -> S
         return [t - t.mean() - x.T @ beta for (x, _), t in zip(blocks, targets, strict=True)]
 
     residual = left([y for _, y in blocks])
-    measured = spectrum_of(residual)
+    least = least_noise(space.groups)
+    measured = spectrum_of(residual, least=least)
     current = measured
     for _ in range(ROUNDS):
         filter = Whitener(current, raised=0.0)
         noise = [filter.coloured(y.size, rng) for _, y in blocks]
-        seen = spectrum_of(left(noise))
+        seen = spectrum_of(left(noise), least=1e-6 * least)
         want = np.clip(current.log_power - seen.log_power, -0.5, 4.0)
         change = np.interp(np.log(measured.frequency), np.log(current.frequency), want)
         current = Spectrum(

@@ -19,6 +19,7 @@ from piezo_rig.diagnosis.groups import Group, Groups
 
 FloatArray = NDArray[np.float64]
 ELEMENTS = 80
+CLOSER = 1.5
 FLOOR = 1e-3  # of the mean compliance
 STEP = 0.02  # finite differences of stage parameters, in examples
 
@@ -154,13 +155,13 @@ def starting_model(groups: Groups, kinds: tuple[type[Stage], ...], name: str) ->
     c = groups.travel_um / reach
     count = ELEMENTS
     if any(k.has_elements for k in kinds):
-        table = _even(later / 2.0 * 1.0001, count, c)
+        table = _graded(later / 2.0 * 1.0001, count, c)
         stages: list[Stage] = [Maxwell.of(table)]
         for kind in kinds:
             if kind.has_elements:
-                stages.append(kind.of(_even((max(virgin) if virgin else reach) * 1.0001, count, c)))
+                stages.append(kind.of(_graded((max(virgin) if virgin else reach) * 1.0001, count, c)))
     else:
-        stages = [Maxwell.of(_even(reach * 1.0001, count, c))]
+        stages = [Maxwell.of(_graded(reach * 1.0001, count, c))]
     model = Model(tuple(stages), {}, name)
     for kind in kinds:
         if not kind.has_elements:
@@ -170,8 +171,9 @@ def starting_model(groups: Groups, kinds: tuple[type[Stage], ...], name: str) ->
     return model
 
 
-def _even(reach: float, count: int, compliance: float) -> Elements:
-    knots = reach * np.arange(1, count + 1) / count
+def _graded(reach: float, count: int, compliance: float) -> Elements:
+    # closer together right after a turning point, where lags and laws show
+    knots = reach * (np.arange(1, count + 1) / count) ** CLOSER
     return Elements.from_curve(knots, np.full(count, compliance))
 
 

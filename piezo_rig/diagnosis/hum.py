@@ -93,8 +93,8 @@ def find_hum(groups: Groups, model: Model) -> Hum | None:
             f = fundamental + off
             ratios, freedom = [], 0.0
             for k in orders:
-                signal, background, freedom = _line(rows, k * f)
-                ratios.append(signal / max(background, 1e-300))
+                ratio, freedom = _line(rows, k * f)
+                ratios.append(ratio)
             lone = float(stats.f.sf(ratios[0], freedom, 10 * freedom))
             joint = float(
                 stats.f.sf(np.mean(ratios), freedom * len(orders), 10 * freedom * len(orders))
@@ -127,19 +127,22 @@ def _comb(group: Group) -> float:
     return 0.5 / float(np.median(seconds)) if seconds.size else 0.0
 
 
-def _line(rows: list[_Row], f: float) -> tuple[float, float, float]:
-    """Power at a line, power around it, and degrees of freedom; summed over recordings."""
-    signal = background = freedom = 0.0
+def _line(rows: list[_Row], f: float) -> tuple[float, float]:
+    """Power at a line over the power around it, mean over recordings; degrees of freedom.
+
+    Every recording against its own background: they last differently long, so that their noise
+    differs, and a sum of powers would be that of the few shortest ones.
+    """
+    ratio = share = 0.0
     for row in rows:
         cell = 1.0 / float(row.time_s[-1] - row.time_s[0])
-        signal += float(row.power(f))
         level = float(np.mean(row.power(f + AROUND * cell)))
         if row.share == 1.0 and row.comb_hz > 2.0 * cell:
             comb = row.power(f + np.array([-4, -2, 2, 4]) * row.comb_hz)
             level = max(level, 2.0 * float(np.max(comb)))
-        background += level
-        freedom += 2.0 * row.share
-    return signal, background, freedom
+        ratio += row.share * float(row.power(f)) / max(level, 1e-300)
+        share += row.share
+    return ratio / share, 2.0 * share
 
 
 def _removed(groups: Groups, model: Model, f: float, p: float) -> Hum:

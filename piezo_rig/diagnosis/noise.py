@@ -47,12 +47,15 @@ class Spectrum:
         return Spectrum(self.frequency, self.log_power + np.log(factor), self.error)
 
 
-def spectrum_of(parts: Sequence[FloatArray], freedom: float = 1.0) -> Spectrum:
+def spectrum_of(
+    parts: Sequence[FloatArray], freedom: float = 1.0, least: float = 1e-18
+) -> Spectrum:
     """Spectrum of noise realisations.
 
     Parameters
     ----------
     parts : noise (n,) of several stretches, scaled so that its variance is that of one recording
+    least : um^2 per sample that is taken for noise even where there is none
     freedom : independent realisations per part, (R - 1) / R for deviations from a mean
     """
     longest = max(p.size for p in parts)
@@ -74,7 +77,7 @@ def spectrum_of(parts: Sequence[FloatArray], freedom: float = 1.0) -> Spectrum:
     seen = count > 0
     mean = total[seen] / count[seen]
     f = np.sqrt(edges[1:] * edges[:-1])[seen]
-    mean = np.maximum(mean, LEAST * max(float(mean.max()), 1e-18))
+    mean = np.maximum(mean, max(LEAST * float(mean.max()), least))
     # neighbouring bins of a tapered periodogram are correlated: fewer are independent
     weight = np.maximum(count[seen] * freedom / 1.9, 0.3)
     return _smooth(f, mean, weight, low, high)
