@@ -24,7 +24,9 @@ class Bend(Stage):
 
     id = "bend"
     place = "actuator"
-    units: ClassVar[Mapping[str, str]] = {"from_v": "V", "over_v": "V", **dict.fromkeys(POWERS, "um")}
+    units: ClassVar[Mapping[str, str]] = {
+        "from_v": "V", "over_v": "V", **dict.fromkeys(POWERS, "um"),
+    }
     linear: ClassVar[tuple[str, ...]] = tuple(POWERS)
 
     @classmethod

@@ -21,10 +21,11 @@ from piezo_rig.diagnosis.follow_up import FollowUp, follow_up
 from piezo_rig.diagnosis.groups import Groups, group_tracks
 from piezo_rig.diagnosis.held_out import Errors, gain, held_out_errors, refold, reported_kind
 from piezo_rig.diagnosis.hum import find_hum
+from piezo_rig.diagnosis.lines import find_line
 from piezo_rig.diagnosis.refit import Fitted, refit, settle
 from piezo_rig.diagnosis.space import Space
 from piezo_rig.diagnosis.spikes import find_spikes, noise_floor_nm
-from piezo_rig.diagnosis.unexplained import Unexplained, unexplained
+from piezo_rig.diagnosis.unexplained import Unexplained, unexplained, with_line
 from piezo_rig.identification import prepare
 from piezo_rig.run_file.sweep import Sweep
 
@@ -185,12 +186,16 @@ def diagnose(
                      "are not given")  # fmt: skip
     floor = noise_floor_nm(clean)
     tell("the rest")
-    rest = unexplained(space, last, floor or rungs[-1].rms_nm, rng)
+    rest = with_line(
+        unexplained(space, last, floor or rungs[-1].rms_nm, rng),
+        find_line(clean, last.point.model), floor,
+    )  # fmt: skip
     advice = follow_up(space, last, {c: f.alternatives for c, f in confused.items()})
     refused = ladder.scans[-1].refused if ladder.scans else {}
     return Diagnosis(
         len(sweeps), sum(s.samples for s in sweeps), raw.repeats, kind,
-        recording_offsets(space, clean, ladder.first, sweeps), name, rungs, floor, findings, rest, advice,
+        recording_offsets(space, clean, ladder.first, sweeps), name, rungs, floor, findings, rest,
+        advice,
         model, [*([ladder.first.point.model] * (1 + len(stages))),
                 *(s.fitted.point.model for s in ladder.steps)],
         notes, warnings, refused,

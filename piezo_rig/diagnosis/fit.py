@@ -159,7 +159,8 @@ def starting_model(groups: Groups, kinds: tuple[type[Stage], ...], name: str) ->
         stages: list[Stage] = [Maxwell.of(table)]
         for kind in kinds:
             if kind.has_elements:
-                stages.append(kind.of(_graded((max(virgin) if virgin else reach) * 1.0001, count, c)))
+                rise = max(virgin) if virgin else reach
+                stages.append(kind.of(_graded(rise * 1.0001, count, c)))
     else:
         stages = [Maxwell.of(_graded(reach * 1.0001, count, c))]
     model = Model(tuple(stages), {}, name)

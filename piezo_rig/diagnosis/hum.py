@@ -55,7 +55,9 @@ class Hum:
 
 
 @dataclass(frozen=True, eq=False)
-class _Row:
+class Row:
+    """One recording: what it has of its own."""
+
     time_s: FloatArray  # of the shared clock
     values: FloatArray
     share: float  # of a single recording's noise power that is left in the values
@@ -79,7 +81,7 @@ class _Row:
 
 def find_hum(groups: Groups, model: Model) -> Hum | None:
     """The most significant line of the two mains frequencies; None where nothing can be sought."""
-    rows = _rows(groups, model)
+    rows = rows_of(groups, model)
     rows = [r for r in rows if r.time_s[-1] - r.time_s[0] > LONG_S]
     nyquist = 0.45 * groups.rate
     if not rows or nyquist < min(FUNDAMENTALS_HZ):
@@ -109,7 +111,8 @@ def find_hum(groups: Groups, model: Model) -> Hum | None:
     return _removed(groups, model, best[1], best[0])
 
 
-def _rows(groups: Groups, model: Model) -> list[_Row]:
+def rows_of(groups: Groups, model: Model) -> list[Row]:
+    """What single recordings have of their own, and where they stand on the shared clock."""
     out = []
     repeated = groups.repeats > 1
     for g in groups.groups:
@@ -118,7 +121,7 @@ def _rows(groups: Groups, model: Model) -> list[_Row]:
         reference = g.measured_um.mean(axis=0) if repeated else g.predicted(model)
         share = (g.repeats - 1) / g.repeats if repeated else 1.0
         for start, row in zip(g.starts_s, g.measured_um, strict=True):
-            out.append(_Row(g.time_s + start, row - reference, share, _comb(g)))
+            out.append(Row(g.time_s + start, row - reference, share, _comb(g)))
     return out
 
 
@@ -127,7 +130,7 @@ def _comb(group: Group) -> float:
     return 0.5 / float(np.median(seconds)) if seconds.size else 0.0
 
 
-def _line(rows: list[_Row], f: float) -> tuple[float, float]:
+def _line(rows: list[Row], f: float) -> tuple[float, float]:
     """Power at a line over the power around it, mean over recordings; degrees of freedom.
 
     Every recording against its own background: they last differently long, so that their noise
@@ -165,7 +168,7 @@ def _removed(groups: Groups, model: Model, f: float, p: float) -> Hum:
             power = float(shares[0] ** 2 + shares[1] ** 2)
             cell = 1.0 / float(g.time_s[-1] - g.time_s[0])
             longest = max(longest, 1.0 / cell)
-            around = _Row(g.time_s, row - reference, 1.0, 0.0).power(f + AROUND * cell)
+            around = Row(g.time_s, row - reference, 1.0, 0.0).power(f + AROUND * cell)
             noise = float(np.mean(around)) / 1.5  # a Hann window widens the band by 3/2
             powers.append(power - noise)
             errors.append(noise)

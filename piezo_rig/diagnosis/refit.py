@@ -135,7 +135,8 @@ def covariance_of(reduced: Reduced, scales: tuple[float, float]) -> FloatArray:
 def refit(space: Space, point: Point, steps: int = STEPS, held: bool = False) -> Fitted:
     """Gauss-Newton on all free numbers from a start; scales are profiled on the way.
 
-    ``held`` : optional parameters, as a law's reach, stay where they are. What the assumed laws of the model's causes leave open is in the covariance.
+    ``held`` : optional parameters, as a law's reach, stay where they are. What the assumed laws
+    of the model's causes leave open is in the covariance.
     """
     settle(space, point)
     linear = space.linear(point)

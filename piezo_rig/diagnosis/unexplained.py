@@ -10,12 +10,14 @@ from numpy.typing import NDArray
 from piezo_rig.diagnosis import dictionary
 from piezo_rig.diagnosis.climb import LEVEL
 from piezo_rig.diagnosis.likelihood import Likelihood, Reduced, reduce
+from piezo_rig.diagnosis.lines import Line
 from piezo_rig.diagnosis.refit import Fitted, covariance_of
 from piezo_rig.diagnosis.space import Linear, Space
 
 FloatArray = NDArray[np.float64]
 WORDS = ("drive", "displacement", "direction", "range", "time_since_turn", "cycle", "clock",
          "frequency")  # fmt: skip
+LINES = 0.2  # of the false alarms that a line may take
 SHARE = 0.2  # of the structured power that a tag must carry to be named
 
 
@@ -67,6 +69,18 @@ def unexplained(
     text = (f"{rms:.2g} nm rms that no known cause explains; it goes with "
             + ", ".join(w.replace("_", " ") for w in words))  # fmt: skip
     return Unexplained(True, p, rms, allowance, words, text)
+
+
+def with_line(rest: Unexplained, line: Line | None, floor_nm: float | None) -> Unexplained:
+    """The verdict with a line in clock time that no cause explains."""
+    if line is None or line.p_value > LEVEL * LINES or line.rms_nm < 0.02 * (floor_nm or 0.0):
+        return rest
+    words = [w for w in WORDS if w in {*rest.depends_on, "clock", "frequency"}]
+    text = f"a line at {line.frequency:.1f} Hz in clock time, {line.rms_nm:.2g} nm rms"
+    return Unexplained(
+        True, min(rest.p_value, line.p_value), float(np.hypot(rest.rms_nm, line.rms_nm)),
+        rest.allowance_nm, words, f"{rest.text}; {text}" if rest.text else text,
+    )  # fmt: skip
 
 
 def _parts(reduced: Reduced, scales: tuple[float, float]) -> tuple[FloatArray, FloatArray]:

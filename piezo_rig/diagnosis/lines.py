@@ -1,0 +1,55 @@
+"""Lines in clock time that are not the mains': vibration of the floor, a fan, a beating clock.
+
+No cause of the catalogue, so at most "unexplained"; sought like hum, in what repeats disagree by,
+at every frequency.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import stats
+
+from piezo_rig.chain import Model
+from piezo_rig.diagnosis.groups import Groups
+from piezo_rig.diagnosis.hum import AROUND, rows_of
+
+CELLS = 18.0  # resolution cells: slower than that a line is drift or creep
+
+
+@dataclass(frozen=True)
+class Line:
+    """The strongest line: Hz, rms in nm, and its chance among all frequencies."""
+
+    frequency: float
+    rms_nm: float
+    p_value: float
+
+
+def find_line(groups: Groups, model: Model) -> Line | None:
+    """The most unlikely line between the slow end and nine tenths of Nyquist.
+
+    Only with repeats: against a model, every harmonic of the drive would be one.
+    """
+    if any(g.repeats < 2 for g in groups.groups):
+        return None
+    rows = rows_of(groups, model)
+    shortest = min(float(r.time_s[-1] - r.time_s[0]) for r in rows)
+    longest = max(float(r.time_s[-1] - r.time_s[0]) for r in rows)
+    low, high = CELLS / shortest, 0.45 * groups.rate
+    if low >= 0.5 * high:
+        return None
+    f = np.arange(low, high, 0.5 / longest)
+    ratio, share = np.zeros(f.size), 0.0
+    for row in rows:
+        cell = 1.0 / float(row.time_s[-1] - row.time_s[0])
+        level = row.power(f[:, None] + AROUND * cell).mean(axis=1)
+        ratio += row.share * row.power(f) / np.maximum(level, 1e-300)
+        share += row.share
+    ratio /= share
+    k = int(np.argmax(ratio))
+    freedom = 2.0 * share
+    chance = float(stats.f.sf(ratio[k], freedom, 10.0 * freedom))
+    power = float(np.mean([row.power(float(f[k])) / row.share for row in rows]))
+    return Line(float(f[k]), 1e3 * float(np.sqrt(0.5 * power)), min(chance * f.size, 1.0))
