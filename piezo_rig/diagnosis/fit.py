@@ -179,14 +179,32 @@ def _graded(reach: float, count: int, compliance: float) -> Elements:
 
 
 def smoothness(point: Point) -> FloatArray:
-    """Second differences of the compliances of every table, as rows over all free numbers."""
+    """What compliances are held to where data do not say, as rows over all free numbers.
+
+    Second differences of the later branches' compliances. The first rise's are held to those of
+    the later branches: first differences of what they differ by, so that a first rise beyond the
+    data goes on as the other curve does.
+    """
     rows, at, size = [], 0, point.values().size
+    later: tuple[int, FloatArray] | None = None
     for stage in point.tables:
         assert stage.elements is not None
         n = len(stage.elements)
-        for k in range(1, n - 1):
-            row = np.zeros(size)
-            row[at + k - 1 : at + k + 2] = (1.0, -2.0, 1.0)
-            rows.append(row)
+        knots = stage.elements.knots_v
+        if later is None:
+            later = (at, knots)
+            for k in range(1, n - 1):
+                row = np.zeros(size)
+                row[at + k - 1 : at + k + 2] = (1.0, -2.0, 1.0)
+                rows.append(row)
+        else:
+            middle = knots - 0.5 * np.diff(knots, prepend=0.0)
+            of = later[0] + np.minimum(np.searchsorted(later[1], middle), later[1].size - 1)
+            for k in range(n - 1):
+                row = np.zeros(size)
+                row[at + k : at + k + 2] += (-1.0, 1.0)
+                row[of[k]] += 1.0
+                row[of[k + 1]] -= 1.0
+                rows.append(row)
         at += n
     return np.array(rows).reshape(-1, size)

@@ -14,8 +14,8 @@ from piezo_rig.identification.data import Data, Track
 
 FloatArray = NDArray[np.float64]
 SAME = 1e-7  # of the reach: drive changes that differ by less are one level
-EXACT = 8e-13  # of the travel: as far from a line as rounding puts a sample
-ROUNDED = (8e-13, 1e-10, 1e-8, 1e-6)  # the same for data written with fewer digits
+# of the travel: as far from a line as rounding puts a sample, and data written with fewer digits
+ROUNDED = (8e-13, 1e-10, 1e-8, 1e-7, 1e-6, 1e-5)
 MOST_LINES = 400
 MOST_TURNS = 20_000
 
@@ -68,15 +68,13 @@ def read_off(data: Data, sigma_um: float, kind: str, straight: bool = False) -> 
         curves; or later branches by a ``law``, of which the longest one is read
     straight : break points are at the points between which lines cross
     """
-    first, later = _points(data, kind == "law")
+    first, later = _points(data, kind)
     if kind == "one":
         rises = [(2.0 * x, 2.0 * y) for x, y in first]
         both, sure = _broken_line([*later, *rises], sigma_um, straight)
         return BreakPoints(both / 2.0, both, sure)
     if kind == "law":
-        later = later[:1]
-    else:
-        first = first[:1]  # a first rise that is resumed is shifted to the point reached
+        first, later = first[:1], later[:1]
     rise, one = _broken_line(first, sigma_um, straight)
     branch, other = _broken_line(later, sigma_um, straight)
     return BreakPoints(rise, branch, one and other)
@@ -85,15 +83,17 @@ def read_off(data: Data, sigma_um: float, kind: str, straight: bool = False) -> 
 Points = list[tuple[FloatArray, FloatArray]]
 
 
-def _points(data: Data, by_law: bool) -> tuple[Points, Points]:
+def _points(data: Data, kind: str) -> tuple[Points, Points]:
     """Drive and displacement since the turning point, of first rises and of later branches.
 
-    Longest first. ``by_law``: only up to where a branch resumes another one.
+    Longest first. What a half loop resumes counts where loops close: with one curve on all, with
+    two on later branches.
     """
     found: tuple[Points, Points] = ([], [])
     for track in data.tracks:
         for ref, begin, end, rise, resumed in _stretches(track):
-            if (rise and not track.virgin) or (by_law and resumed):
+            closes = kind == "one" or (kind == "two" and not rise)
+            if (rise and not track.virgin) or (resumed and not closes):
                 continue
             if not any(a <= ref and end <= b for a, b in track.blocks):
                 continue
@@ -101,8 +101,8 @@ def _points(data: Data, by_law: bool) -> tuple[Points, Points]:
             x = np.abs(track.drive_v[part] - track.drive_v[ref])
             y = np.abs(track.displacement_um[part] - track.displacement_um[ref])
             found[0 if rise else 1].append((x, y))
-    for kind in found:
-        kind.sort(key=lambda p: -round(float(p[0][-1]), 9))
+    for parts in found:
+        parts.sort(key=lambda p: -round(float(p[0][-1]), 9))
     return found
 
 
@@ -149,9 +149,10 @@ def _broken_line(parts: Points, sigma: float, straight: bool) -> tuple[FloatArra
     x, y = np.bincount(group, x) / count, np.bincount(group, y) / count
     lines: list[tuple[int, int]] = []
     for share in ROUNDED:
-        lines = _lines(x, y, max(8.0 * sigma, share * float(np.ptp(y))))
-        if lines and 3 * len(lines) <= x.size:
-            break
+        tried = _lines(x, y, max(8.0 * sigma, share * float(np.ptp(y))))
+        # what was rounded is cut to pieces by a tolerance that is too small
+        if not lines or 3 * len(lines) > x.size or 2 * len(tried) <= len(lines):
+            lines = tried
     return _crossings(x, y, lines, straight)
 
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from piezo_rig.identification.data import Data
 from piezo_rig.identification.normal import Normal, Piece, pieces_of
 from piezo_rig.identification.smooth import inverse
-from piezo_rig.identification.solve import continuity, fill_unseen, solve_bounded
+from piezo_rig.identification.solve import UNSEEN, continuity, fill_unseen, solve_bounded
 
 FloatArray = NDArray[np.float64]
 MOST = 30  # folds
@@ -98,10 +98,22 @@ class Folds:
         for group in self.groups:
             held = list(group)
             gram, right = normal.gram[held].sum(axis=0), normal.right[held].sum(axis=0)
-            x = inverse(all_gram - gram) @ (all_right - right)
+            x = _solved(all_gram - gram, all_right - right)
             total += float(normal.power[held].sum() - 2.0 * right @ x + x @ gram @ x)
             count += float(normal.count[held].sum())
         return total / count
+
+
+def _solved(gram: FloatArray, right: FloatArray) -> FloatArray:
+    from scipy.linalg import cho_factor, cho_solve
+
+    diagonal = np.diag(gram)
+    if diagonal.min() > UNSEEN * diagonal.max():
+        try:
+            return np.asarray(cho_solve(cho_factor(gram), right), float)
+        except np.linalg.LinAlgError:
+            pass
+    return inverse(gram) @ right
 
 
 def _repeated(data: Data, cycles: tuple[Piece, ...], first: int) -> int:

@@ -19,11 +19,11 @@ from piezo_rig.identification.data import Data, prepare
 from piezo_rig.identification.folds import Folds
 from piezo_rig.identification.normal import finer, rms
 from piezo_rig.identification.scores import Scores, held_out_scores, scores
+from piezo_rig.identification.tied import FINE_PIECES as TIED_PIECES
 from piezo_rig.identification.uncertainty import Bands, bands, linearised
 from piezo_rig.run_file.sweep import Sweep
 
 FloatArray = NDArray[np.float64]
-TIED_PIECES = 60  # the same where there are many elements
 FINE_PIECES = 160  # into which data are cut for their uncertainty
 NOT_EXPLAINED = 0.25  # of the displacement's rms is left: no hysteresis of this drive
 SCHEMES = ("least-squares", "slopes")
@@ -108,7 +108,7 @@ def identify(
     fit = least_squares.fit(data, one_curve, laws, elements, tell)
     tell("uncertainty", 0.85)
     fine, owner = finer(data, fit.pieces, TIED_PIECES if fit.prior else FINE_PIECES)
-    by_half_loop = linearised(data, fit.curves, fine)
+    by_half_loop = fit.normal or linearised(data, fit.curves, fine)
     normal = by_half_loop.joined(owner, fit.pieces)
     floor = least_squares.floor_of(data)
     band = bands(

@@ -23,6 +23,7 @@ from piezo_rig.identification.folds import Folds
 from piezo_rig.identification.normal import (
     Normal,
     Piece,
+    finer,
     normal_equations,
     pieces_of,
     residuals,
@@ -31,7 +32,7 @@ from piezo_rig.identification.normal import (
 from piezo_rig.identification.polish import polish
 from piezo_rig.identification.smooth import Prior
 from piezo_rig.identification.solve import FLOOR, fill_unseen, solve_smooth, untold
-from piezo_rig.identification.tied import tied_linear, tied_with_laws
+from piezo_rig.identification.tied import FINE_PIECES, beginnings, tied_linear, tied_with_laws
 from piezo_rig.identification.uncertainty import linearised
 
 FloatArray = NDArray[np.float64]
@@ -52,7 +53,8 @@ Progress = Callable[[str, float], None]
 class LeastSquares:
     """A fit before it becomes a model.
 
-    ``others``: fits as good as ``curves`` that differ between the points of data without noise.
+    ``others``: fits as good as ``curves`` that differ between the points of data without noise;
+    ``normal``: the equations about the fit by pieces of pieces, where they were made already.
     """
 
     curves: Curves
@@ -61,6 +63,7 @@ class LeastSquares:
     notes: tuple[str, ...]
     prior: Prior | None = None
     others: tuple[Curves, ...] = ()
+    normal: Normal | None = None
 
 
 def fit(
@@ -87,14 +90,16 @@ def fit(
     few = data.one_repeat()  # what is looked for by trial is looked for there
     few_pieces = pieces if few is data else pieces_of(few, cycles=folds.kind == "cycles")
     if elements is None and not clean:
-        curves, prior = _tied(data, one_curve, laws, pieces, folds, few, few_pieces)
-        gram = linearised(data, curves, pieces).gram.sum(axis=0)
+        curves, prior, fine = _tied(data, one_curve, laws, pieces, folds, few)
+        if fine is None:
+            fine = linearised(data, curves, finer(data, pieces, FINE_PIECES)[0])
+        gram = fine.gram.sum(axis=0)
         sizes = (curves.first_c.size, curves.later_c.size)[: 1 if one_curve else 2]
         notes.append(
             f"{' and '.join(map(str, sizes))} elements tied to their neighbours, as good as "
             f"{prior.effective(gram):.0f} free ones (marginal likelihood, held-out {folds.kind})"
         )
-        return LeastSquares(curves, pieces, folds, tuple(notes), prior)
+        return LeastSquares(curves, pieces, folds, tuple(notes), prior, normal=fine)
     if elements is None:
         spaced = [_chosen(data, one_curve, pieces, folds, notes)]
         if laws and data.has_first_rise:
@@ -134,24 +139,32 @@ def _tied(
     pieces: tuple[Piece, ...],
     folds: Folds,
     few: Data,
-    few_pieces: tuple[Piece, ...],
-) -> tuple[Curves, Prior]:
-    """Curves of many tied elements, with the laws fitted.
+) -> tuple[Curves, Prior, Normal | None]:
+    """Curves of many tied elements, with the laws fitted; the normal equations without laws.
 
-    ``few``, ``few_pieces``: one repeat, on which the first break is looked for.
+    ``few``: one repeat, on which the first break is looked for.
     """
     first_reach, later_reach = _reaches(data)
     reach = max(first_reach, later_reach / 2.0)
     grid = equal_volts(reach if one_curve else first_reach, FINE)
     start = _start(data, one_curve, grid, equal_volts(later_reach, FINE))
-    x, prior = tied_linear(data, start, pieces, folds, floor_of(data))
+    x, prior, fine = tied_linear(data, start, pieces, folds, floor_of(data))
     curves = with_compliances(start, x, data.has_first_rise)
     if not laws:
-        return curves, prior
+        return curves, prior, _about(fine, curves) if curves.shared else None
+    few = beginnings(few)
+    few_pieces = pieces_of(few, cycles=folds.kind == "cycles")
     grids = (equal_volts(reach, COARSE) for reach in (first_reach, later_reach))
     coarse, _ = linear(few, _start(data, False, *grids), few_pieces)
     begun = _fit_laws(few, coarse, laws, few_pieces)
-    return tied_with_laws(data, few, curves, begun, prior, folds, pieces, few_pieces)
+    return *tied_with_laws(data, few, curves, begun, prior, folds, pieces, few_pieces), None
+
+
+def _about(normal: Normal, curves: Curves) -> Normal:
+    """Linear equations with the sums of squares that are left at a fit."""
+    x = curves.pack(False)
+    left = normal.power - 2.0 * normal.right @ x + (normal.gram @ x) @ x
+    return replace(normal, power=np.maximum(left, 0.0))
 
 
 def _fit_laws(

@@ -47,6 +47,15 @@ class Normal:
         gram = matrix.T @ self.gram @ matrix
         return Normal(gram, self.right @ matrix, self.power, self.count, self.pieces)
 
+    def folded(self) -> Normal:
+        """The same equations where the second half of the unknowns equals the first."""
+        n = self.right.shape[1] // 2
+        gram = self.gram[:, :n, :n] + self.gram[:, n:, n:]
+        cross = self.gram[:, :n, n:]
+        gram += cross
+        gram += cross.transpose(0, 2, 1)
+        return replace(self, gram=gram, right=self.right[:, :n] + self.right[:, n:])
+
     def joined(self, owner: NDArray[np.int64], pieces: tuple[Piece, ...]) -> Normal:
         """The same equations with pieces added up; ``owner``: the new piece of every old one."""
 
@@ -162,7 +171,9 @@ def normal_equations(
                 totals[i] += total
     _centre(pieces, gram, right, power, count, totals, heights)
     normal = Normal(gram, right, power, count, pieces)
-    return normal if narrow is None else normal.reduced(narrow)
+    if narrow is None:
+        return normal
+    return normal.reduced(narrow) if knots else normal.folded()
 
 
 def _segments(ints: NDArray[np.int64], piece: Piece) -> tuple[int, int]:

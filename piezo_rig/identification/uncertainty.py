@@ -283,12 +283,13 @@ def bands(
         lean[2 * POINTS + n0 + nc :] = by_half[2 * POINTS + wide :] @ apart.apart
         lean -= derivative @ apart.pulled
         scatter += (rng.standard_normal((draws, x.size)) * apart.size) @ lean.T
-        if prior.others:
-            values = np.array([of_any_grid(c) for _, c in prior.others])
-            values -= values[0].copy()
-            taken = rng.choice(len(values), draws, p=[w for w, _ in prior.others])
-            scatter[:, : 2 * POINTS] += values[taken, : 2 * POINTS]
-            scatter[:, 2 * POINTS + n0 + nc :] += values[taken, 2 * POINTS :]
+    scatter += found.widening(pulled) * (found.draw(draws, seed) @ pulled.T)
+    if prior is not None and prior.others:
+        asked = np.r_[: 2 * POINTS, 2 * POINTS + n0 + nc : centre.size]
+        values = np.array([of_any_grid(c) for _, c in prior.others])
+        values -= values[0].copy()
+        taken = rng.choice(len(values), draws, p=[w for w, _ in prior.others])
+        scatter[:, asked] += values[taken]
     gram = normal.gram.sum(axis=0)
     if prior is None:
         scatter += _never_told(gram, x, curves.runs(), draws, seed) @ derivative.T
@@ -298,7 +299,6 @@ def bands(
         there = np.concatenate([of_any_grid(other)[: 2 * POINTS], _means(other, curves, reach)])
         size = np.random.default_rng([seed, 3]).standard_normal(draws)
         scatter += size[:, None] * (there - centre)
-    scatter += found.widening(pulled) * (found.draw(draws, seed) @ pulled.T)
     low, high = np.percentile(scatter, [2.5, 97.5], axis=0)
     band = np.stack([centre + low, centre + high], axis=1)
     n0, nc = curves.first_c.size, curves.later_c.size

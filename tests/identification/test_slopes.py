@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from recordings import DX, FIRST, FIRST_TOP, K, classical, lawful, matrix
+from recordings import DX, FIRST, FIRST_TOP, TOP, K, classical, lawful, matrix, sweep
 from small_models import LAWS
 
 from piezo_rig.identification import identify
