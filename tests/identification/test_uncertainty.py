@@ -80,3 +80,16 @@ def test_bands_are_in_the_model_file():
     stored = found.model.provenance["bands95"]
     assert np.shape(stored["first_rise_um"]) == (len(stored["drive_v"]), 2)
     assert found.model.provenance["condition_number"] > 1
+
+
+def test_a_law_whose_first_break_has_several_peaks_has_a_wider_interval():
+    number = [case.what for case in study.CASES].index("range, chosen, truth has 27")
+    case, rng = study.CASES[number], np.random.default_rng([number, 1])
+    truth = study.random_actuator(rng, case.true_elements, by_law=True)
+    plan = study.conditions(case.spans, 75.0, case.cycles)
+    clean = {name: study.played(truth, turns) for name, turns in plan.items()}
+    found = identify(study.record(clean, rng, 0.0), "range")
+    slope = found.model.stage("range-dependence").parameters["slope"]
+    low, high = slope.ci95
+    # the likeliest peak alone is eight of its standard errors from the truth
+    assert abs(slope.value - truth.slope) < 3.0 * (high - low) / 3.92
