@@ -118,6 +118,10 @@ def added_by(stage: Stage, time_s: FloatArray, drive_v: FloatArray) -> FloatArra
     return stage.act(Signal(time_s, drive_v, nothing)).displacement_um
 
 
+REACHING: Mapping[str, str] = {"reach": "um", "closing": "1", "taper": "1"}
+GIVEN = ("closing", "taper")
+
+
 class FirstSpring(Cause):
     """A spring right after the turning point that follows the input's history, as in the thesis.
 
@@ -129,8 +133,8 @@ class FirstSpring(Cause):
 
     place = "actuator"
     units: ClassVar[Mapping[str, str]] = {"slope": "V/um/V", "offset": "V/um"}
-    optional: ClassVar[Mapping[str, str]] = {"reach": "um", "closing": "1"}
-    given: ClassVar[tuple[str, ...]] = ("closing",)
+    optional: ClassVar[Mapping[str, str]] = REACHING
+    given: ClassVar[tuple[str, ...]] = GIVEN
     closings: ClassVar[tuple[float, ...]] = (0.0,)
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {"reach": (1e-6, np.inf)}
 
@@ -149,21 +153,26 @@ class FirstSpring(Cause):
     def variants(cls, context: Context) -> list[list[Stage]]:
         size = 0.01 * context.span_v / context.travel_um
         return [
-            [cls.of(None, slope=size / context.span_v, offset=0.0, reach=reach, closing=closing)]
-            for reach in reaches(context)
-            for closing in cls.closings
+            [cls.of(None, slope=size / context.span_v, offset=0.0, **form)]
+            for form in forms(context, cls.closings)
         ]
 
 
-def reaches(context: Context) -> list[float]:
-    """Displacements after a turning point up to which a law may hold, um."""
-    return [share * context.travel_um for share in (0.01, 0.02, 0.04, 0.08, 0.16)]
+def forms(context: Context, closings: Sequence[float]) -> list[dict[str, float]]:
+    """How far after a turning point a law may hold, and how it may end."""
+    return [
+        {"reach": share * context.travel_um, "closing": closing, "taper": taper}
+        for share in (0.01, 0.02, 0.04, 0.08, 0.16)
+        for closing in closings
+        for taper in (0.0, 1.0)
+    ]
 
 
 def reaching(stage: Stage, branches: Branches, law: Law) -> Branches:
     """A law on the first element, or up to the stage's own ``reach`` where it has one."""
     if "reach" in stage.parameters:
         closing = stage["closing"] if "closing" in stage.parameters else 0.0
-        own = Reaching(stage["reach"], law, closing)
+        tapered = "taper" in stage.parameters and stage["taper"] > 0
+        own = Reaching(stage["reach"], law, closing, tapered)
         return replace(branches, reaching=(*branches.reaching, own))
     return replace(branches, laws=(*branches.laws, law))

@@ -39,7 +39,7 @@ class Creep(Cause):
     place = "actuator"
     law: ClassVar[tuple[tuple[str, ...], float]] = (("time_since_turn",), 0.01)
     units: ClassVar[Mapping[str, str]] = {"rate_per_decade": "1"}
-    limits: ClassVar[Mapping[str, tuple[float, float]]] = {"rate_per_decade": (-0.3, 0.3)}
+    limits: ClassVar[Mapping[str, tuple[float, float]]] = {"rate_per_decade": (0.0, 0.3)}
 
     def act(self, signal: Signal) -> Signal:
         from piezo_rig.chain.relaxation import relaxed

@@ -19,7 +19,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from piezo_rig.causes.cause import Cause, Context, reaches, reaching
+from piezo_rig.causes.cause import GIVEN, REACHING, Cause, Context, forms, reaching
 from piezo_rig.chain.branches import Branches, FloatArray
 from piezo_rig.chain.half_loops import HalfLoops
 from piezo_rig.chain.stage import Stage
@@ -34,8 +34,8 @@ class DirectionAsymmetry(Cause):
     law: ClassVar[tuple[tuple[str, ...], float]] = (("direction", "drive+direction"), 0.1)
     units: ClassVar[Mapping[str, str]] = {"ratio": "1"}
     neutral: ClassVar[Mapping[str, float]] = {"ratio": 1.0}
-    optional: ClassVar[Mapping[str, str]] = {"reach": "um", "closing": "1"}
-    given: ClassVar[tuple[str, ...]] = ("closing",)
+    optional: ClassVar[Mapping[str, str]] = REACHING
+    given: ClassVar[tuple[str, ...]] = GIVEN
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {
         "ratio": (0.2, 5.0),
         "reach": (1e-6, np.inf),
@@ -62,7 +62,5 @@ class DirectionAsymmetry(Cause):
     @classmethod
     def variants(cls, context: Context) -> list[list[Stage]]:
         return [
-            [cls.of(None, ratio=1.01, reach=reach, closing=closing)]
-            for reach in reaches(context)
-            for closing in (0.0, 1.0)
+            [cls.of(None, ratio=1.01, **form)] for form in forms(context, (0.0, 1.0))
         ]

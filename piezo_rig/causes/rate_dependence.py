@@ -43,7 +43,9 @@ class RateDependence(Cause):
     given: ClassVar[tuple[str, ...]] = ("by_slope",)
     neutral: ClassVar[Mapping[str, float]] = {"exponent": 0.7}
     priors: ClassVar[Mapping[str, tuple[float, float]]] = {"exponent": (0.7, 0.2)}
-    limits: ClassVar[Mapping[str, tuple[float, float]]] = {"exponent": (0.1, 2.0)}
+    limits: ClassVar[Mapping[str, tuple[float, float]]] = {
+        "lag_um": (0.0, np.inf), "exponent": (0.1, 2.0),
+    }
 
     def act(self, signal: Signal) -> Signal:
         from piezo_rig.chain.relaxation import lagged
@@ -61,6 +63,9 @@ class RateDependence(Cause):
             slope = np.divide(followed, moved, out=np.zeros_like(x), where=known) / whole
             lag = lag * np.clip(slope, 0.0, MOST)
         return signal.with_(displacement_um=signal.displacement_um - lag)
+
+    def carry(self, signal: Signal, changes: FloatArray) -> FloatArray:
+        return changes  # the lag hardly depends on the displacement
 
     @classmethod
     def variants(cls, context: Context) -> list[list[Stage]]:

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +21,7 @@ from piezo_rig.chain.half_loops import HalfLoops, half_loops
 from piezo_rig.errors import InputError
 
 FloatArray = NDArray[np.float64]
+TAPER = 6
 Law = Callable[[FloatArray, HalfLoops], FloatArray]
 """First slopes (m,) V/um before the law, and the half loops -> first slopes (m,) after it."""
 
@@ -72,11 +74,30 @@ class Reaching:
     law : as in `Branches.laws`
     closing : share of the volts that the law adds up to the reach which is taken back until
         twice the reach; with 1 a loop closes although its two half loops differ
+    tapered : whether the law fades out linearly until twice the reach, instead of ending at it
     """
 
     reach_um: float
     law: Law
     closing: float = 0.0
+    tapered: bool = False
+
+    @property
+    def steps(self) -> list[tuple[float, float, float]]:
+        """Stretches (from, to, share of the law) after the turning point, um."""
+        if not self.tapered:
+            return [(0.0, self.reach_um, 1.0)]
+        edges = 2.0 * self.reach_um * np.arange(TAPER + 1) / TAPER
+        return [
+            (float(a), float(b), 1.0 - (k + 0.5) / TAPER)
+            for k, (a, b) in enumerate(pairwise(edges))
+        ]
+
+    @property
+    def breaks(self) -> list[float]:
+        """Displacements at which slopes change because of it, um."""
+        ends = [b for _, b, _ in self.steps]
+        return [*ends, 2.0 * ends[-1]] if self.closing else ends
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,8 +156,7 @@ class Branches:
             np.append(0.0, volts * self.rest.compliance_um_per_v[: volts.size])
         )
         later = 1.0 / self.rest.compliance_um_per_v
-        reaches = [r.reach_um for r in self.reaching]
-        reaches += [2.0 * r.reach_um for r in self.reaching if r.closing]
+        reaches = [b for r in self.reaching for b in r.breaks]
         breaks = np.unique(np.concatenate([ends, reaches]))
         early = breaks[breaks <= max(reaches)]
         widths = np.diff(early, prepend=0.0)
@@ -146,12 +166,14 @@ class Branches:
         slopes = np.where(which == 0, first[:, None], np.append(np.nan, later)[which][None, :])
         for r in self.reaching:
             added = np.zeros(len(loops))
-            for band in np.flatnonzero(early <= r.reach_um):
-                after = r.law(slopes[:, band], loops)
-                added += (after - slopes[:, band]) * widths[band]
-                slopes[:, band] = after
-            back = (early > r.reach_um) & (early <= 2.0 * r.reach_um)
-            slopes[:, back] -= (r.closing / r.reach_um * added)[:, None]
+            for begin, end, share in r.steps:
+                for band in np.flatnonzero((early > begin) & (early <= end)):
+                    change = share * (r.law(slopes[:, band], loops) - slopes[:, band])
+                    added += change * widths[band]
+                    slopes[:, band] += change
+            last = r.steps[-1][1]
+            back = (early > last) & (early <= 2.0 * last)
+            slopes[:, back] -= (r.closing / last * added)[:, None]
         _positive(slopes.min(axis=1), loops)
         knots = np.cumsum(slopes * widths, axis=1)
         if not np.isfinite(self.first_break_um):

@@ -1,10 +1,20 @@
-"""Says what a model gets wrong on runs and recordings, why, and how much better it gets."""
+"""Says what a model gets wrong on runs and recordings, why, and how much better it gets.
+
+Everything in DATA goes into one diagnosis. An output may be a folder (it exists, or ends in /):
+the file in it is then named after the first of DATA.
+"""
 
 from __future__ import annotations
 
 import argparse
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 HELP = "name what the model gets wrong, and why"
+IN_FOLDER = {"json": ".json", "save_model": "_extended.json", "figure": "_ladder.png"}
+FIGURES = (".png", ".svg", ".pdf")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -19,21 +29,22 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--json", metavar="OUT", help="write the diagnosis as JSON")
     parser.add_argument("--save-model", metavar="OUT.json", help="write the extended model")
+    parser.add_argument("--figure", metavar="OUT.png", help="draw the ladder of errors")
     parser.add_argument("--seed", type=int, default=0, help="of the simulated nulls")
 
 
 def execute(args: argparse.Namespace) -> int:
-    import json
     from pathlib import Path
 
     from piezo_rig.causes import NAMED_MODELS, load_model
     from piezo_rig.commands.console import Progress
     from piezo_rig.commands.data_options import load_data
     from piezo_rig.diagnosis import diagnose, document, text
-    from piezo_rig.errors import BenchError
     from piezo_rig.identification import save_model
+    from piezo_rig.report.ladder import ladder_figure
     from piezo_rig.resources import find
 
+    outputs = _outputs(args)
     baseline = args.baseline
     if baseline not in NAMED_MODELS:
         baseline = load_model(find("calibration", baseline))
@@ -44,22 +55,10 @@ def execute(args: argparse.Namespace) -> int:
     finally:
         progress.close()
     print("\n".join(text(found)))
-    if args.json:
-        try:
-            Path(args.json).write_text(
-                json.dumps(document(found), indent=1, ensure_ascii=False, allow_nan=False) + "\n",
-                encoding="utf-8",
-                newline="\n",
-            )
-        except OSError as error:
-            raise BenchError(
-                "disk",
-                f"could not write {args.json}: {error.strerror or error}",
-                "the folder is missing, full, or not yours to write",
-                "give another --json",
-            ) from None
-        print(f"json: {args.json}")
-    if args.save_model:
+    if "json" in outputs:
+        _write_json(document(found), outputs["json"])
+        print(f"json: {outputs['json']}")
+    if "save_model" in outputs:
         runs = [{"name": n, "sha256": h} for n, h in sorted(hashes.items())]
         from piezo_rig import __version__
 
@@ -67,5 +66,82 @@ def execute(args: argparse.Namespace) -> int:
             "runs": runs, "held_out": found.held_out, "scheme": "diagnosis",
             "software": f"piezo-rig {__version__}",
         })  # fmt: skip
-        print(f"model: {save_model(model, args.save_model)}")
+        print(f"model: {save_model(model, outputs['save_model'])}")
+    if "figure" in outputs:
+        more = f" and {len(args.data) - 1} more" if len(args.data) > 1 else ""
+        title = f"{Path(args.data[0]).stem}{more}"
+        print(f"figure: {ladder_figure(outputs['figure'], title, found)}")
     return 0
+
+
+def _outputs(args: argparse.Namespace) -> dict[str, Path]:
+    """Where each output goes, by option; checked before the diagnosis, which takes a while.
+
+    Raises
+    ------
+    InputError : two outputs are one file, an output is an input, or a figure of an unknown kind
+    BenchError : the disk refuses (exit 4)
+    """
+    import os
+    from pathlib import Path
+
+    from piezo_rig.commands.outputs import refuse_overwriting
+    from piezo_rig.errors import InputError
+
+    outputs: dict[str, Path] = {}
+    for name, ending in IN_FOLDER.items():
+        given = getattr(args, name)
+        if given is None:
+            continue
+        path = Path(given)
+        if given.endswith(("/", "\\")) or path.is_dir():
+            path = path / f"{Path(args.data[0]).stem}{ending}"
+        outputs[name] = path
+    refuse_overwriting(argparse.Namespace(**{**vars(args), **{
+        name: str(path) for name, path in outputs.items()
+    }}))  # fmt: skip
+    if len({os.path.abspath(path) for path in outputs.values()}) < len(outputs):
+        raise InputError("usage", "two outputs are to go into one file",
+                         "a slip on the command line", "give each a name of its own")
+    figure = outputs.get("figure")
+    if figure is not None and figure.suffix.lower() not in FIGURES:
+        raise InputError("usage", f"--figure {figure}: a figure is one of {', '.join(FIGURES)}",
+                         "a slip on the command line", "give a name that ends in .png")
+    for name, path in outputs.items():
+        _make_room(name, path)
+    return outputs
+
+
+def _make_room(name: str, path: Path) -> None:
+    """Make the folder of an output and see that it can be written to."""
+    import os
+
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        if path.is_dir():
+            raise IsADirectoryError(21, "it is a folder")
+        if not os.access(path if path.exists() else path.parent, os.W_OK):
+            raise PermissionError(13, "not yours to write")
+    except OSError as error:
+        raise _refused(name, path, error) from None
+
+
+def _write_json(document: dict[str, object], path: Path) -> None:
+    import json
+
+    try:
+        path.write_text(
+            json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False) + "\n",
+            encoding="utf-8", newline="\n",
+        )  # fmt: skip
+    except OSError as error:
+        raise _refused("json", path, error) from None
+
+
+def _refused(name: str, path: Path, error: OSError) -> Exception:
+    from piezo_rig.errors import BenchError
+
+    option = f"--{name.replace('_', '-')}"
+    return BenchError("disk", f"could not write {path}: {error.strerror or error}",
+                      "the name is taken, the disk is full, or the folder is not yours to write",
+                      f"give another {option}")  # fmt: skip

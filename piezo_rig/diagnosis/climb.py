@@ -34,7 +34,7 @@ NEEDED = 3.0  # log-likelihood that decides between models
 LARGE = 300.0  # log-likelihood above which the linear start is not trusted
 PARABOLAS = 2
 FURTHER, FURTHER_BY = 4, 1.4
-EXCHANGES = 2
+EXCHANGES = 1
 BEND = Bend.id
 FINER = 2.0 ** np.linspace(-0.75, 0.75, 13)  # of a reach
 VISIBLE = 3.0  # d' that the largest plausible size must reach, or the cause is not looked for
@@ -316,6 +316,7 @@ class _Search:
     scans: list[Scan] = field(default_factory=list)
     barred: dict[str, str] = field(default_factory=dict)
     rearranged: bool = False
+    errors: dict[tuple[int, int], tuple[float, Fitted]] = field(default_factory=dict)
 
     @property
     def fitted(self) -> Fitted:
@@ -391,14 +392,21 @@ class _Search:
 
     def worse(self, fitted: Fitted, than: Fitted) -> str | None:
         """Why an extension is refused: it does not carry over; None where it does."""
-        for held_out, limit in self.held_out:
-            value, error = held_out(fitted), held_out(than)
+        for k, (_, limit) in enumerate(self.held_out):
+            value, error = self.error(k, fitted), self.error(k, than)
             if value > limit * error:
                 return (
                     f"fits, but predicts data that it has not seen worse ({value:.3g} nm "
                     f"against {error:.3g} nm)"
                 )
         return None
+
+    def error(self, k: int, fitted: Fitted) -> float:
+        """Held-out error of a rung by the k-th way of holding out."""
+        key = (k, id(fitted))
+        if key not in self.errors:
+            self.errors[key] = (self.held_out[k][0](fitted), fitted)
+        return self.errors[key][0]
 
     def refitted(self, here: Fitted, found: Found, i: int) -> Fitted | None:
         """The model with a cause put in; None where that comes to nothing."""
@@ -474,15 +482,25 @@ class _Search:
     def prune(self) -> None:
         """Drop an earlier member that the newest one has made needless."""
         new = self.steps[-1]
+        for id in self.causes[:-1]:
+            if CAUSES[id].has_elements:
+                self.tell(f"refit without {id}")
+                less = refit(self.space, _less(new.fitted.point, id), held=True)
+                if less.evidence > new.fitted.evidence - worth_needed(new.fitted, id):
+                    self.drop(id, new, less)
+                    new = self.steps[-1]
         needless = _needless(new.fitted, [c for c in self.causes if c != new.cause])
         if needless is None:
             return
         self.tell(f"refit without {needless}")
         less = refit(self.space, _less(new.fitted.point, needless))
-        if less.evidence < new.fitted.evidence - NEEDED:
-            return
-        self.barred[needless] = f"not needed beside {new.cause}, which does the same"
-        self.steps = [s for s in self.steps if s.cause != needless]
+        if less.evidence >= new.fitted.evidence - NEEDED:
+            self.drop(needless, new, less)
+
+    def drop(self, id: str, new: Step, less: Fitted) -> None:
+        """Take a member out for good; ``less`` is the model without it."""
+        self.barred[id] = f"not needed beside {new.cause}, which does the same"
+        self.steps = [s for s in self.steps if s.cause != id]
         self.steps[-1] = Step(new.cause, new.p_value, less)
         self.rearranged = True
 
@@ -533,6 +551,14 @@ class _Search:
                 point = _less(point, id)
             out.append(Step(step.cause, step.p_value, refit(self.space, point)))
         return [*out, self.steps[-1]]
+
+
+def worth_needed(fitted: Fitted, id: str) -> float:
+    """Log-likelihood that a table of its own must be worth: half of what chance gives it."""
+    stage = fitted.point.model.stage(id)
+    assert stage is not None
+    assert stage.elements is not None
+    return 0.25 * len(stage.elements)
 
 
 def _needless(fitted: Fitted, causes: list[str]) -> str | None:

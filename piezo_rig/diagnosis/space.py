@@ -21,7 +21,7 @@ from piezo_rig.diagnosis.groups import Group, Groups
 from piezo_rig.diagnosis.noise import Whitener
 
 FloatArray = NDArray[np.float64]
-MOST_WALKS = 200  # kept
+MOST_WALKS, MOST_KNOWN = 200, 4  # kept
 
 
 @dataclass(frozen=True)
@@ -104,6 +104,9 @@ class Space:
     counts: tuple[int, int, int] = (0, 0, 0)
     law: FloatArray = field(default_factory=lambda: np.zeros(0))
     _walked: dict[tuple[object, ...], NDArray[np.float32]] = field(default_factory=dict)
+    _known: dict[tuple[object, ...], tuple[list[Fixed], tuple[int, int, int]]] = field(
+        default_factory=dict
+    )
     _made_for: tuple[object, ...] = ()
 
     def prepare(self, model: Model) -> None:
@@ -123,8 +126,13 @@ class Space:
         if self.fixed and key == self._made_for:
             return
         self._made_for = key
+        if key in self._known:
+            self.fixed, self.counts = self._known[key]
+            return
         if not self.generic:
             self._make_generic(model)
+        while len(self._known) >= MOST_KNOWN:
+            self._known.pop(next(iter(self._known)))
         self.fixed = []
         for index, group in enumerate(self.groups.groups):
             plays = dictionary.fine(group, self.scales, self.first_rise)
@@ -150,6 +158,8 @@ class Space:
                     np.concatenate([rows, generic.white]), gram,
                     np.concatenate([raw, generic.raw]),
                 ))  # fmt: skip
+
+        self._known[key] = (self.fixed, self.counts)
 
     def _make_generic(self, model: Model) -> None:
         for index, group in enumerate(self.groups.groups):
@@ -296,8 +306,8 @@ class Space:
 
 
 def _rounded(value: float) -> float:
-    """Two digits: columns of a nuisance need no more."""
-    return float(f"{value:.1e}")
+    """Four digits; what is projected off must not differ from the base by a share of a cause."""
+    return float(f"{value:.3e}")
 
 
 def _assembled(own: FloatArray, cross: FloatArray, fixed: FloatArray, p: int, t: int) -> FloatArray:
