@@ -358,7 +358,9 @@ class _Search:
         self.tell("bend")
         scales = self.space.scales
         bent = model.with_stage(Bend.none(scales.low_v, scales.span_v))
-        fitted = refit(self.space, Point(bent, False, here.point.sizes))
+        fitted = refit(self.space, Point(bent, False, here.point.sizes), held=True)
+        if self.worse(fitted, here) is not None:
+            return False
         self.steps.append(Step(BEND, p, fitted))
         return True
 

@@ -20,7 +20,7 @@ from piezo_rig.diagnosis.fit import Point, starting_model
 from piezo_rig.diagnosis.follow_up import FollowUp, follow_up
 from piezo_rig.diagnosis.groups import Groups, group_tracks
 from piezo_rig.diagnosis.held_out import Errors, gain, held_out_errors, refold, reported_kind
-from piezo_rig.diagnosis.hum import find_hum
+from piezo_rig.diagnosis.hum import find_hum, removed
 from piezo_rig.diagnosis.lines import find_line
 from piezo_rig.diagnosis.refit import Fitted, refit, settle
 from piezo_rig.diagnosis.space import Space
@@ -31,6 +31,7 @@ from piezo_rig.run_file.sweep import Sweep
 
 Tell = Callable[[str], None]
 WORSE, AWAY = 1.03, 1.3  # by which an extension may raise held-out errors
+JOINTLY = 6  # turns of fitting base and hum
 SHARE = 0.2  # of the false alarms that a search of the raw recordings may take
 EVENTS = ("outliers",)  # nothing foretells them: no gain
 
@@ -124,6 +125,11 @@ def diagnose(
         start = refit(_plain_space(clean, start.point.model), start.point)
     hum = find_hum(clean, start.point.model)
     if hum is not None and hum.p_value * count < SHARE * LEVEL:
+        noisy = clean
+        for _ in range(JOINTLY):  # what the base model took of it is given back
+            clean = hum.groups
+            start = refit(_plain_space(clean, start.point.model), start.point)
+            hum = removed(noisy, start.point.model, hum.frequency, hum.p_value)
         clean = hum.groups
         stages.append(("mains-hum", clean))
         early.append(_early("mains-hum", hum.p_value * count, hum.stage().parameters))

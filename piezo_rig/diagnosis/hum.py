@@ -22,6 +22,7 @@ from piezo_rig.diagnosis.groups import Group, Groups
 FloatArray = NDArray[np.float64]
 OFF_HZ = np.linspace(-0.2, 0.2, 5)
 AROUND = np.concatenate([-np.arange(4, 14), np.arange(4, 14)])  # resolution cells of the background
+INDEPENDENT = 10.8  # of the 20 cells of a Hann-windowed background
 PADDED = 8
 LONG_S = 0.3  # a recording must last this long
 
@@ -93,14 +94,12 @@ def find_hum(groups: Groups, model: Model) -> Hum | None:
             continue
         for off in OFF_HZ:
             f = fundamental + off
-            ratios, freedom = [], 0.0
+            scores, share = [], 0.0
             for k in orders:
-                ratio, freedom = _line(rows, k * f)
-                ratios.append(ratio)
-            lone = float(stats.f.sf(ratios[0], freedom, 10 * freedom))
-            joint = float(
-                stats.f.sf(np.mean(ratios), freedom * len(orders), 10 * freedom * len(orders))
-            )
+                score, share = _line(rows, k * f)
+                scores.append(score)
+            lone = float(stats.chi2.sf(2.0 * scores[0], 2.0 * share))
+            joint = float(stats.chi2.sf(2.0 * sum(scores), 2.0 * share * len(orders)))
             p = max(1e-300, 2.0 * min(lone, joint) * len(OFF_HZ) * len(FUNDAMENTALS_HZ))
             if best is None or p < best[0]:
                 best = (p, f)
@@ -108,7 +107,7 @@ def find_hum(groups: Groups, model: Model) -> Hum | None:
     fine = best[1] + np.arange(-25, 26) * 0.01
     power = [sum(_line(rows, k * f)[0] for k in (1, 3) if k * f < nyquist) for f in fine]
     best = (best[0], float(fine[int(np.argmax(power))]))
-    return _removed(groups, model, best[1], best[0])
+    return removed(groups, model, best[1], best[0])
 
 
 def rows_of(groups: Groups, model: Model) -> list[Row]:
@@ -131,24 +130,25 @@ def _comb(group: Group) -> float:
 
 
 def _line(rows: list[Row], f: float) -> tuple[float, float]:
-    """Power at a line over the power around it, mean over recordings; degrees of freedom.
+    """Fisher's sum of -log p of a line, recording by recording, and how many those count as.
 
-    Every recording against its own background: they last differently long, so that their noise
-    differs, and a sum of powers would be that of the few shortest ones.
+    Every recording against its own background (power over background is F(2, 2 INDEPENDENT)):
+    they last differently long, and a sum of powers would be that of the few shortest ones.
     """
-    ratio = share = 0.0
+    score = share = 0.0
     for row in rows:
         cell = 1.0 / float(row.time_s[-1] - row.time_s[0])
         level = float(np.mean(row.power(f + AROUND * cell)))
         if row.share == 1.0 and row.comb_hz > 2.0 * cell:
             comb = row.power(f + np.array([-4, -2, 2, 4]) * row.comb_hz)
             level = max(level, 2.0 * float(np.max(comb)))
-        ratio += row.share * float(row.power(f)) / max(level, 1e-300)
+        ratio = float(row.power(f)) / max(level, 1e-300)
+        score += row.share * INDEPENDENT * float(np.log1p(ratio / INDEPENDENT))
         share += row.share
-    return ratio / share, 2.0 * share
+    return score, share
 
 
-def _removed(groups: Groups, model: Model, f: float, p: float) -> Hum:
+def removed(groups: Groups, model: Model, f: float, p: float) -> Hum:
     """The lines fitted and subtracted, one phase per recording."""
     orders = [k for k in ORDERS if k * f < 0.45 * groups.rate]
     cleaned, powers, errors = [], [], []

@@ -13,7 +13,7 @@ from scipy import stats
 
 from piezo_rig.chain import Model
 from piezo_rig.diagnosis.groups import Groups
-from piezo_rig.diagnosis.hum import AROUND, rows_of
+from piezo_rig.diagnosis.hum import AROUND, INDEPENDENT, rows_of
 
 CELLS = 18.0  # resolution cells: slower than that a line is drift or creep
 
@@ -41,15 +41,15 @@ def find_line(groups: Groups, model: Model) -> Line | None:
     if low >= 0.5 * high:
         return None
     f = np.arange(low, high, 0.5 / longest)
-    ratio, share = np.zeros(f.size), 0.0
+    score, share = np.zeros(f.size), 0.0
     for row in rows:
         cell = 1.0 / float(row.time_s[-1] - row.time_s[0])
         level = row.power(f[:, None] + AROUND * cell).mean(axis=1)
-        ratio += row.share * row.power(f) / np.maximum(level, 1e-300)
+        # each recording's own p-value (Fisher): power over background is F(2, 2 INDEPENDENT)
+        ratio = row.power(f) / np.maximum(level, 1e-300)
+        score += row.share * INDEPENDENT * np.log1p(ratio / INDEPENDENT)
         share += row.share
-    ratio /= share
-    k = int(np.argmax(ratio))
-    freedom = 2.0 * share
-    chance = float(stats.f.sf(ratio[k], freedom, 10.0 * freedom))
+    k = int(np.argmax(score))
+    chance = float(stats.chi2.sf(2.0 * score[k], 2.0 * share))
     power = float(np.mean([row.power(float(f[k])) / row.share for row in rows]))
     return Line(float(f[k]), 1e3 * float(np.sqrt(0.5 * power)), min(chance * f.size, 1.0))
