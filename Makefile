@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 RUNS ?= runs
 
-.PHONY: demo test lint types layers check wheel bench-figures docs study study-thesis study-identification clean help
+.PHONY: demo test lint types layers check wheel bench-figures docs study study-thesis study-identification study-diagnosis clean help
 
 demo: $(READY)  ## play quick_look on the simulated bench: run, model, figures, ladder
 	$(BIN)/piezo-rig run quick_look --out $(RUNS)
@@ -39,10 +39,21 @@ $(READY): pyproject.toml constraints.txt
 	$(BIN)/python -m piezo_rig.warm_up
 	touch $@
 
-study: study-thesis study-identification  ## everything that docs/ claims, measured again
+study: study-thesis study-identification study-diagnosis  ## everything that docs/ claims, measured again
 
 study-identification: $(READY)  ## do the bands of an identification hold? docs/identification.md
 	$(BIN)/python -m piezo_rig.studies.identification
+
+HIDDEN = $(BIN)/python -m piezo_rig.studies.diagnosis
+ROWS = build/study-diagnosis
+ONE = initiation-stage,range-dependence,creep,rate-dependence,amplifier-lag,time-skew,thermal-drift,mains-hum,periodic-nonlinearity,outliers
+
+study-diagnosis: $(READY)  ## hidden effects, nulls and strangers, docs/diagnosis.md; 40 minutes
+	mkdir -p $(ROWS)
+	$(HIDDEN) run --jobs 2 --kinds null --seeds 0:120 --protocols matrix,rates --noises white,ar,1/f --out $(ROWS)/nulls.jsonl
+	$(HIDDEN) run --jobs 2 --kinds $(ONE) --seeds 0:4 --protocols matrix,rates,holds --noises white,1/f --d-prime 40 --out $(ROWS)/effects.jsonl
+	$(HIDDEN) run --jobs 2 --kinds stranger --seeds 0:20 --protocols matrix --noises white,1/f --d-prime 40 --out $(ROWS)/strangers.jsonl
+	$(HIDDEN) document $(ROWS)/nulls.jsonl $(ROWS)/effects.jsonl $(ROWS)/strangers.jsonl --out docs/diagnosis.md
 
 study-thesis: $(READY)  ## plays the thesis on the simulated bench, writes docs/thesis.md
 	$(BIN)/python -m piezo_rig.studies.thesis

@@ -30,7 +30,7 @@ from piezo_rig.identification import prepare
 from piezo_rig.run_file.sweep import Sweep
 
 Tell = Callable[[str], None]
-WORSE, AWAY = 1.03, 1.3  # by which an extension may raise held-out errors
+WORSE, AWAY = 1.03, 3.0  # by which an extension may raise held-out errors
 JOINTLY = 6  # turns of fitting base and hum
 SHARE = 0.2  # of the false alarms that a search of the raw recordings may take
 EVENTS = ("outliers",)  # nothing foretells them: no gain

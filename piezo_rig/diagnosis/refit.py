@@ -26,7 +26,7 @@ STEPS = 5
 HALVED = 8
 SETTLED = 0.05  # standard errors
 BEND = 0.05  # plausible second difference of compliances, of their mean
-TOGETHER = 10.0  # samples that count as one, for the weight of that
+TOGETHER = 3.0  # samples that count as one, for the weight of that
 
 
 @dataclass(frozen=True, eq=False)

@@ -466,7 +466,15 @@ def main(arguments: Sequence[str] | None = None) -> None:
     runs.add_argument("--jobs", type=int, default=1)
     sums = verbs.add_parser("summary")
     sums.add_argument("files", type=Path, nargs="+")
+    page = verbs.add_parser("document")
+    page.add_argument("files", type=Path, nargs="+")
+    page.add_argument("--out", type=Path, required=True)
     options = parser.parse_args(arguments)
+    if options.verb == "document":
+        from piezo_rig.studies.diagnosis_document import write
+
+        write(options.files, options.out)
+        return
     if options.verb == "summary":
         print(summary([row for path in options.files for row in read(path)]))
         return

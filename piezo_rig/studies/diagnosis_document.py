@@ -1,0 +1,55 @@
+"""docs/diagnosis.md from the rows of the hidden-effect study."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from piezo_rig.studies.diagnosis import read, summary
+from piezo_rig.studies.document import table
+
+Row = dict[str, Any]
+
+HEAD = """# How well the diagnosis does
+
+Written by `make study-diagnosis`. Effects are hidden in recordings of a bench of its own
+(`piezo_rig/studies/hidden`), which shares no code with the models that are fitted: random
+Prandtl-Ishlinskii bodies whose thresholds lie on no grid, every second to third of them with a
+memoryless curvature, in white, AR(0.95) and 1/f-like noise. `diagnose` gets the recordings and
+nothing else, at most 50,000 samples a case, two repeats.
+
+*d'* is the oracle's: the length of the effect in the space whitened by the true noise, after 50
+play operators, drive powers and offsets have been projected off. At d' = 40 an oracle that knows
+the true form misses nothing; what it would call wrong is what the confusion in the data makes it.
+Form A of an effect is the catalogue's own law, with parameters that can be compared; form B is
+other physics under the same name (three relaxations for creep, rate-dependent thresholds, smooth
+laws after a turning point, an exponential warm-up). "In set" counts the cause or its listed
+alternatives. A gain counts against a second session of the same conditions with new noise. The
+gain on an unseen drive is that of the saved model over the baseline, as a share of what is left
+to somebody who knew the effect.
+
+"""
+
+
+def matrix(rows: Sequence[Row]) -> str:
+    """True cause against the first finding, counted."""
+    counts: dict[str, Counter[str]] = {}
+    for r in rows:
+        if r["error"]:
+            continue
+        truth = r["truth"]["cause"]
+        truth = "stranger" if truth.startswith("stranger:") else truth
+        first = r["findings"][0]["cause"] if r["findings"] else "nothing"
+        counts.setdefault(truth, Counter())[first] += 1
+    columns = sorted({c for row in counts.values() for c in row})
+    body = [(t, *(counts[t][c] or "" for c in columns)) for t in sorted(counts)]
+    return table(("hidden, first finding", *columns), body)
+
+
+def write(files: Sequence[Path], out: Path) -> None:
+    """The document of several files of rows."""
+    rows = [row for path in files for row in read(path)]
+    text = HEAD + summary(rows) + "\n\n## First findings\n\n" + matrix(rows) + "\n"
+    out.write_text(text, encoding="utf-8", newline="\n")
