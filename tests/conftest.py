@@ -6,8 +6,12 @@ import os
 from pathlib import Path
 
 import pytest
+from hypothesis import settings
 
 import piezo_rig  # noqa: F401  before numpy: it keeps BLAS to one thread
+
+settings.register_profile("same", derandomize=True)
+settings.load_profile("same")  # the same examples every time; `--hypothesis-profile` for others
 
 CHECKOUT = Path(__file__).resolve().parent.parent
 
