@@ -11,9 +11,9 @@ from scipy.linalg import cholesky, solve_triangular
 from piezo_rig.causes import CAUSES
 from piezo_rig.causes.cause import Cause
 from piezo_rig.chain import Model
-from piezo_rig.diagnosis.climb import candidates
 from piezo_rig.diagnosis.likelihood import reduce
 from piezo_rig.diagnosis.refit import Fitted, covariance_of
+from piezo_rig.diagnosis.scan import candidates
 from piezo_rig.diagnosis.space import Space
 
 FloatArray = NDArray[np.float64]

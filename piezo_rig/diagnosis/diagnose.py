@@ -14,7 +14,7 @@ from piezo_rig.causes.cause import Cause, FirstSpring
 from piezo_rig.chain import Model, Parameter
 from piezo_rig.diagnosis import engine
 from piezo_rig.diagnosis.checks import baseline_warnings, data_warnings
-from piezo_rig.diagnosis.climb import BEND, LEVEL, Ladder, climb
+from piezo_rig.diagnosis.climb import BEND, Ladder, climb
 from piezo_rig.diagnosis.confusion import Confusion, confusion
 from piezo_rig.diagnosis.fit import Point, starting_model
 from piezo_rig.diagnosis.follow_up import FollowUp, follow_up
@@ -23,6 +23,7 @@ from piezo_rig.diagnosis.held_out import Errors, gain, held_out_errors, refold, 
 from piezo_rig.diagnosis.hum import find_hum, removed
 from piezo_rig.diagnosis.lines import find_line
 from piezo_rig.diagnosis.refit import Fitted, refit, settle
+from piezo_rig.diagnosis.scan import LEVEL
 from piezo_rig.diagnosis.space import Space
 from piezo_rig.diagnosis.spikes import find_spikes, noise_floor_nm
 from piezo_rig.diagnosis.unexplained import Unexplained, unexplained, with_line

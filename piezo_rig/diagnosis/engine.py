@@ -7,11 +7,11 @@ from numpy.typing import NDArray
 
 from piezo_rig.chain import Model
 from piezo_rig.diagnosis import dictionary
-from piezo_rig.diagnosis.climb import candidates
 from piezo_rig.diagnosis.dictionary import Scales
 from piezo_rig.diagnosis.fit import Point
 from piezo_rig.diagnosis.groups import Groups
 from piezo_rig.diagnosis.noise import Spectrum, Whitener, spectrum_of
+from piezo_rig.diagnosis.scan import candidates
 from piezo_rig.diagnosis.space import Piece, Space
 
 FloatArray = NDArray[np.float64]

@@ -1,0 +1,235 @@
+"""One look at every cause: how likely it is against the model at hand, and how it would begin."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from piezo_rig.causes import CAUSES
+from piezo_rig.causes.cause import Cause, Context
+from piezo_rig.chain import Model, Stage
+from piezo_rig.diagnosis import dictionary
+from piezo_rig.diagnosis.fit import Point
+from piezo_rig.diagnosis.likelihood import Likelihood, Reduced, reduce
+from piezo_rig.diagnosis.refit import Fitted, covariance_of
+from piezo_rig.diagnosis.space import Space
+
+FloatArray = NDArray[np.float64]
+LEVEL = 0.01  # family-wise chance of a false alarm
+FINER = 2.0 ** np.linspace(-0.75, 0.75, 13)  # of a reach
+VISIBLE = 3.0  # d' that the largest plausible size must reach, or the cause is not looked for
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """One cause in the race, in one or several forms, each with its examples."""
+
+    id: str
+    variants: tuple[tuple[Stage, ...], ...]
+
+    def pairs(self, model: Model) -> list[tuple[Model, Model]]:
+        """What is to be played with and without, form by form."""
+        return [(model, model.with_stage(t)) for form in self.variants for t in form]
+
+    def columns(self, at: int) -> list[list[int]]:
+        """Columns of every form, if those of `pairs` begin at ``at``."""
+        out = []
+        for form in self.variants:
+            out.append(list(range(at, at + len(form))))
+            at += len(form)
+        return out
+
+
+@dataclass(frozen=True, eq=False)
+class Scan:
+    """One round of the race.
+
+    Attributes
+    ----------
+    ids : the causes that were tried
+    ratio, p_family, excess, null_median : shape (c,); log-likelihood ratio, its family-wise
+        chance, what it exceeds twice the nulls' median by, and that median
+    refused : cause -> why it was not tried
+    """
+
+    ids: tuple[str, ...]
+    ratio: FloatArray
+    p_family: FloatArray
+    excess: FloatArray
+    null_median: FloatArray
+    refused: dict[str, str]
+
+
+def context_of(space: Space, model: Model) -> Context:
+    """What the data are like."""
+    slews, longest = [], 0.0
+    for g in space.groups.groups:
+        seconds = g.time_s[g.loops.stop] - g.time_s[g.loops.start]
+        volts = np.abs(g.drive_v[g.loops.stop] - g.drive_v[g.loops.start])
+        slews.append(volts[seconds > 0] / seconds[seconds > 0])
+        longest = max(longest, float(g.time_s[-1] - g.time_s[0]))
+    return Context(
+        model,
+        space.groups.travel_um,
+        space.groups.span_v,
+        np.concatenate(slews),
+        1.0 / space.groups.rate,
+        longest,
+    )
+
+
+def candidates(space: Space, model: Model) -> tuple[list[Candidate], dict[str, str]]:
+    """Causes that may be tried on a model, and why others may not."""
+    context = context_of(space, model)
+    found, refused = [], {}
+    for id, kind in CAUSES.items():
+        if not issubclass(kind, Cause) or model.stage(id) is not None:
+            continue
+        if kind.needs_first_rise and not space.groups.has_first_rise:
+            refused[id] = "no first rise from rest in the data"
+            continue
+        if kind.needs_speeds and not _several_speeds(context):
+            refused[id] = (
+                "all half loops are about equally fast: a delay, a lag of the drive and a loop "
+                "that opens with speed cannot be told from each other or from the model's own "
+                "loop; several frequencies (rate_sweep) would show it"
+            )
+            continue
+        variants = kind.variants(context)
+        if variants:
+            found.append(Candidate(id, tuple(tuple(v) for v in variants)))
+    return found, refused
+
+
+def _several_speeds(context: Context) -> bool:
+    """Whether half loops differ in speed by a factor of 1.5 or more."""
+    moving = context.slews_v_per_s[context.slews_v_per_s > 0.02 * context.slews_v_per_s.max()]
+    low, high = np.percentile(moving, [5, 95])
+    return bool(high > 1.5 * low)
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """A scan with what is needed to take a cause in.
+
+    Attributes
+    ----------
+    candidates : in the order of ``result.ids``
+    chosen : cause -> columns and examples of its best form
+    """
+
+    result: Scan
+    candidates: list[Candidate]
+    likelihood: Likelihood
+    chosen: dict[str, tuple[list[int], tuple[Stage, ...]]]
+
+
+def scan(
+    space: Space, fitted: Fitted, rng: np.random.Generator, barred: dict[str, str] | None = None
+) -> Found:
+    """Score every cause against the fitted model."""
+    found, refused = candidates(space, fitted.point.model)
+    refused |= barred or {}
+    found = [c for c in found if c.id not in (barred or {})]
+    pairs: list[tuple[Model, Model]] = []
+    where: dict[str, list[list[int]]] = {}
+    for c in found:
+        where[c.id] = c.columns(len(pairs))
+        pairs += c.pairs(fitted.point.model)
+    linear = space.linear(fitted.point, pairs)
+    reduced = reduce(linear)
+    kept = []
+    for c in found:
+        seen = max(_visible(reduced, columns) for columns in where[c.id])
+        if seen * CAUSES[c.id].largest < VISIBLE:  # type: ignore[attr-defined]
+            refused[c.id] = "these data cannot show it: what it does, the base model can do as well"
+        else:
+            kept.append(c)
+    likelihood = Likelihood(reduced)
+    hypotheses = [h for c in kept for h in where[c.id]]
+    owners = [i for i, c in enumerate(kept) for _ in where[c.id]]
+    if not kept:
+        empty = np.zeros(0)
+        return Found(Scan((), empty, empty, empty, empty, refused), kept, likelihood, {})
+    scored = likelihood.score(hypotheses, owners, rng)
+    result = Scan(
+        tuple(c.id for c in kept),
+        scored.ratio,
+        np.minimum(scored.p_value * len(kept), 1.0),
+        scored.ratio - 2.0 * scored.null_median,
+        scored.null_median,
+        refused,
+    )
+    forms = [form for c in kept for form in c.variants]
+    chosen = {
+        c.id: (hypotheses[scored.chosen[i]], forms[scored.chosen[i]]) for i, c in enumerate(kept)
+    }
+    return Found(result, kept, likelihood, chosen)
+
+
+def score_powers(
+    space: Space, fitted: Fitted, rng: np.random.Generator
+) -> tuple[float, float]:
+    """Log-likelihood gained by a memoryless bend, and its chance."""
+    linear = space.linear(fitted.point)
+    lay = linear.layout
+    n = len(dictionary.POWERS)
+    reduced = reduce(linear, free=range(lay.base, lay.base + n))
+    scored = Likelihood(reduced).score([range(-n, 0)], [0], rng)
+    return float(scored.ratio[0]), float(scored.p_value[0])
+
+
+def _visible(reduced: Reduced, columns: list[int]) -> float:
+    """d' of one example of its typical size against the noise alone."""
+    return float(np.sqrt(np.max(np.sum(reduced.trials[:, columns] ** 2, axis=0))))
+
+
+def extended(
+    space: Space,
+    fitted: Fitted,
+    candidate: Candidate,
+    columns: list[int],
+    likelihood: Likelihood,
+    trials: Sequence[Stage],
+) -> Point:
+    """The point with a cause put in at the size that the linear fit gives it."""
+    if all("reach" in t.parameters for t in trials):
+        columns, likelihood, trials = _finer(space, fitted, trials)
+    reduced = likelihood.reduced
+    scales = likelihood.best_scales(columns)
+    sigma = covariance_of(reduced, scales)
+    t = reduced.trials[:, columns]
+    solved = np.linalg.solve(sigma, np.column_stack([t, reduced.z]))
+    gram = t.T @ solved[:, :-1]
+    size = 1.0 / np.sqrt(np.maximum(np.diag(gram), 1e-300))
+    scaled = gram * np.outer(size, size) + 1e-6 * np.eye(len(columns))
+    shares = size * np.linalg.solve(scaled, size * (t.T @ solved[:, -1]))
+    kind = CAUSES[candidate.id]
+    assert issubclass(kind, Cause)
+    stage = kind.begun(trials, shares)
+    sizes = list(fitted.point.sizes)
+    for name in stage.parameters:
+        if name in kind.given:
+            continue
+        rest = kind.neutral.get(name, 0.0)
+        moved = max(abs(t[name] - rest) for t in trials)
+        if moved > 0:
+            sizes.append((candidate.id, name, float(moved)))
+    return Point(fitted.point.model.with_stage(stage), fitted.point.fixed, tuple(sizes))
+
+
+def _finer(
+    space: Space, fitted: Fitted, trials: Sequence[Stage]
+) -> tuple[list[int], Likelihood, Sequence[Stage]]:
+    """The form with the likeliest reach: it matters much, and has many local optima."""
+    model, n = fitted.point.model, len(trials)
+    forms = [[t.with_values(reach=t["reach"] * f) for t in trials] for f in FINER]
+    pairs = [(model, model.with_stage(t)) for form in forms for t in form]
+    likelihood = Likelihood(reduce(space.linear(fitted.point, pairs)))
+    sets = [list(range(k * n, (k + 1) * n)) for k in range(len(forms))]
+    worth = [likelihood.evidence(columns) for columns in sets]
+    best = int(np.argmax(worth))
+    return sets[best], likelihood, forms[best]
