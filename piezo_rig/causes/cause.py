@@ -32,6 +32,7 @@ class Context:
     travel_um, span_v : largest travel and largest drive range of one recording
     slews_v_per_s : mean |dV/dt| of the half loops, shape (m,)
     step_s, duration_s : sampling step; longest recording
+    seen_hz : samples per second at which effects are looked for
     """
 
     model: Model
@@ -40,6 +41,7 @@ class Context:
     slews_v_per_s: FloatArray
     step_s: float
     duration_s: float
+    seen_hz: float
 
     @property
     def slew_v_per_s(self) -> float:
@@ -59,6 +61,7 @@ class Cause(Stage):
     law : what (in the words of a diagnosis' dictionary) a wrong form of its assumed law would
         depend on, and by which share of the effect's size each term may be off
     given : parameters that come with the form of an example and are not fitted
+    sharp : parameter -> by how much finer than its example it must be varied
     needs_speeds : it can be told from the model's own loop only where half loops differ in speed
     needs_first_rise : it can show only where the data hold a first rise from rest
     """
@@ -68,6 +71,7 @@ class Cause(Stage):
     largest: ClassVar[float] = 30.0
     law: ClassVar[tuple[tuple[str, ...], float]] = ((), 0.0)
     given: ClassVar[tuple[str, ...]] = ()
+    sharp: ClassVar[Mapping[str, float]] = {}
     needs_speeds: ClassVar[bool] = False
     needs_first_rise: ClassVar[bool] = False
 

@@ -17,6 +17,7 @@ from scipy import stats
 from piezo_rig.causes import CAUSES
 from piezo_rig.causes.cause import Cause
 from piezo_rig.chain.bend import Bend
+from piezo_rig.diagnosis.confusion import strengths
 from piezo_rig.diagnosis.fit import Point
 from piezo_rig.diagnosis.refit import Fitted, refit, settle
 from piezo_rig.diagnosis.scan import FINER, LEVEL, Found, Scan, extended, scan, score_powers
@@ -29,9 +30,17 @@ CLOSE, RUN_OFF = 0.4, 3  # share of the best score, and how many are refitted to
 DIFFERENT = 1e-4  # a member must differ from nothing at this level
 NEEDED = 3.0  # log-likelihood that decides between models
 LARGE = 300.0  # log-likelihood above which the linear start is not trusted
+PLAIN = 20.0  # log-likelihood above which all forms of a law are refitted
 PARABOLAS = 2
 FURTHER, FURTHER_BY = 4, 1.4
+OFF = 2.0  # an effect must be so many times what a law may be off by
+FORMS, WIDER = (0.0, 1.0), 1.5  # tapers of a law; step over its reach
 EXCHANGES = 1
+FAR_OFF, HELPS = 2.0, 0.995  # so many times the noise; held-out error after a step, of that before
+OF_THE_MISFIT = (
+    "fits, but predicts data that it has not seen no better, while the model is still far off"
+)
+NEAR = 1.1  # held-out error of a rival, of the best one's
 BEND = Bend.id
 Tell = Callable[[str], None]
 
@@ -145,6 +154,7 @@ class _Search:
         if self.worse(fitted, here) is not None:
             return False
         self.steps.append(Step(BEND, p, fitted))
+        self.barred = {k: why for k, why in self.barred.items() if why != OF_THE_MISFIT}
         return True
 
     def take(
@@ -160,20 +170,33 @@ class _Search:
             if fitted is not None:
                 worth = fitted.evidence - here.evidence - 2.0 * result.null_median[i]
                 tried.append((worth, int(i), fitted))
-        for worth, i, fitted in sorted(tried, key=lambda t: -t[0]):
+        for worth, i, fitted in sorted(self.carrying(tried), key=lambda t: -t[0]):
             id = result.ids[i]
             if worth <= 0.0:
                 self.barred[id] = "once refitted it says no more than the model without it"
                 continue
-            fitted = self.reached(fitted, id)
-            worse = self.worse(fitted, here)
+            fitted = self.reached(fitted, id, here)
+            worse = self.worse(fitted, here) or self.of_a_law(fitted, id)
             if worse is not None:
                 self.barred[id] = worse
                 continue
             self.steps.append(Step(id, float(family[i]), fitted))
+            self.barred = {k: why for k, why in self.barred.items() if why != OF_THE_MISFIT}
             self.prune()
             return True
         return bool(close)
+
+    def carrying(self, tried: list[tuple[float, int, Fitted]]) -> list[tuple[float, int, Fitted]]:
+        """Those rivals that predict data which they have not seen about as well as the best.
+
+        Between effects as small as the noise this decides nothing, the evidence does. Between
+        large ones it does: there the evidence hangs on what the model cannot do at all.
+        """
+        rivals = [t for t in tried if t[0] > 0.0]
+        if len(rivals) < 2:
+            return tried
+        least = min(self.error(0, fitted) for _, _, fitted in rivals)
+        return [t for t in tried if t[0] <= 0.0 or self.error(0, t[2]) <= NEAR * least]
 
     def worse(self, fitted: Fitted, than: Fitted) -> str | None:
         """Why an extension is refused: it does not carry over; None where it does."""
@@ -184,6 +207,25 @@ class _Search:
                     f"fits, but predicts data that it has not seen worse ({value:.3g} nm "
                     f"against {error:.3g} nm)"
                 )
+        before = self.error(0, than)
+        if before > FAR_OFF * self.space.noise_nm and self.error(0, fitted) > HELPS * before:
+            return OF_THE_MISFIT
+        return None
+
+    def of_a_law(self, fitted: Fitted, id: str) -> str | None:
+        """Why a small effect is refused beside a large one whose law is only assumed."""
+        kind = CAUSES[id]
+        if not issubclass(kind, Cause) or not kind.law[0]:
+            return None
+        laws = {c: kind.law[1] for c in self.causes
+                if issubclass(kind := CAUSES[c], Cause) and kind.law[0]}  # fmt: skip
+        if not laws:
+            return None
+        settle(self.space, fitted.point)
+        found = strengths(self.space, fitted, [id, *laws])
+        for other, share in laws.items():
+            if found[id] < OFF * share * found[other]:
+                return f"no larger than what the assumed law of {other} may be wrong by"
         return None
 
     def error(self, k: int, fitted: Fitted) -> float:
@@ -215,18 +257,26 @@ class _Search:
             return None
         return fitted
 
-    def reached(self, fitted: Fitted, id: str) -> Fitted:
-        """The reach of a law where the evidence is largest, by parabolas over its logarithm."""
+    def reached(self, fitted: Fitted, id: str, than: Fitted) -> Fitted:
+        """The reach of a law where the evidence is largest, by parabolas over its logarithm.
+
+        The form and the reach of an effect that is plain to see are looked for anew: those of its
+        beginning were chosen when everything else still had to make up for it.
+        """
         stage = fitted.point.model.stage(id)
         if stage is None or "reach" not in stage.parameters:
             return fitted
-        known = {stage["reach"]: fitted}
+        if fitted.evidence > than.evidence + PLAIN:
+            fitted = self.wider(fitted, id)
+        first = fitted.point.model.stage(id)
+        assert first is not None
+        known = {first["reach"]: fitted}
         step = np.log(FINER[1] / FINER[0])
         for _ in range(PARABOLAS):
             best = max(known, key=lambda r: known[r].evidence)
             for r in (best * np.exp(-step), best * np.exp(step)):
                 if not any(abs(np.log(r / k)) < 0.3 * step for k in known):
-                    known[r] = self.at_reach(known[best], id, r)
+                    known[r] = self.at(known[best], id, reach=r)
             x = np.log(sorted(known))
             y = np.array([known[r].evidence for r in sorted(known)])
             i = int(np.clip(np.argmax(y), 1, x.size - 2))
@@ -234,15 +284,37 @@ class _Search:
             if a < 0 and abs(b) < -4.0 * a * step:
                 r = float(np.exp(x[i] - b / (2.0 * a)))
                 if not any(abs(np.log(r / k)) < 1e-3 for k in known):
-                    known[r] = self.at_reach(known[best], id, r)
+                    known[r] = self.at(known[best], id, reach=r)
             if 0 < int(np.argmax(y)) < y.size - 1:
                 step *= 0.5
         return max(known.values(), key=lambda f: f.evidence)
 
-    def at_reach(self, fitted: Fitted, id: str, reach: float) -> Fitted:
+    def wider(self, fitted: Fitted, id: str) -> Fitted:
+        """The best of a law's forms, each followed over its reach in large steps."""
+        start = fitted.point.model.stage(id)
+        assert start is not None
+        best = fitted
+        for form in FORMS:
+            here = fitted
+            if start["taper"] != form:
+                here = self.at(fitted, id, taper=form)
+            for factor in (1.0 / WIDER, WIDER):
+                while True:
+                    stage = here.point.model.stage(id)
+                    assert stage is not None
+                    there = self.at(here, id, reach=stage["reach"] * factor)
+                    if there.evidence <= here.evidence:
+                        break
+                    here = there
+            if here.evidence > best.evidence:
+                best = here
+        return best
+
+    def at(self, fitted: Fitted, id: str, **values: float) -> Fitted:
+        """Refitted with given parameters of a stage moved and held."""
         stage = fitted.point.model.stage(id)
         assert stage is not None
-        moved = fitted.point.model.with_stage(stage.with_values(reach=float(reach)))
+        moved = fitted.point.model.with_stage(stage.with_values(**values))
         return refit(self.space, replace(fitted.point, model=moved), steps=2, held=True)
 
     def further(self, fitted: Fitted, id: str) -> Fitted:
@@ -318,7 +390,7 @@ class _Search:
                     Step(id if s.cause == member else s.cause,
                          p if s.cause == member else s.p_value, s.fitted) for s in self.steps
                 ]  # fmt: skip
-                rival = self.reached(rival, result.ids[i])
+                rival = self.reached(rival, result.ids[i], less)
                 self.steps[-1] = Step(self.steps[-1].cause, self.steps[-1].p_value, rival)
                 self.rearranged = True
                 return True

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -38,6 +39,17 @@ class Confusion:
         """Causes that the data cannot tell from the finding (design 6.4)."""
         found = {c: self.d_prime * np.sqrt(max(1.0 - x * x, 0.0)) for c, x in self.cosine.items()}
         return sorted((c for c, apart in found.items() if apart < APART), key=lambda c: found[c])
+
+
+def strengths(space: Space, fitted: Fitted, causes: Sequence[str]) -> dict[str, float]:
+    """d' of several accepted causes, each as the whole model against the model without it."""
+    point = fitted.point
+    pairs = [(point.model.without(c), point.model) for c in causes]
+    own = range(point.linear, point.linear + len(point.sizes))
+    reduced = reduce(space.linear(point, pairs), free=own)
+    lower = cholesky(covariance_of(reduced, fitted.scales), lower=True)
+    white = solve_triangular(lower, reduced.trials[:, : len(pairs)], lower=True)
+    return dict(zip(causes, np.sqrt(np.sum(white**2, axis=0)).tolist(), strict=True))
 
 
 def confusion(space: Space, fitted: Fitted, cause: str) -> Confusion:

@@ -65,7 +65,7 @@ def reduce(
     """
     gram = (linear.white if pieces is None else linear.white[list(pieces)]).sum(axis=0)
     lay = linear.layout
-    all_base = np.arange(lay.base + lay.powers)
+    all_base = np.delete(np.arange(lay.base + lay.powers), lay.base + np.arange(lay.twice))
     base = np.setdiff1d(all_base, np.asarray(free, int))
     rest = np.concatenate([
         np.arange(lay.part("fine").start, lay.part("trials").start),

@@ -78,6 +78,7 @@ def context_of(space: Space, model: Model) -> Context:
         np.concatenate(slews),
         1.0 / space.groups.rate,
         longest,
+        space.groups.thinned_rate,
     )
 
 
@@ -215,7 +216,7 @@ def extended(
         if name in kind.given:
             continue
         rest = kind.neutral.get(name, 0.0)
-        moved = max(abs(t[name] - rest) for t in trials)
+        moved = max(abs(t[name] - rest) for t in trials) / kind.sharp.get(name, 1.0)
         if moved > 0:
             sizes.append((candidate.id, name, float(moved)))
     return Point(fitted.point.model.with_stage(stage), fitted.point.fixed, tuple(sizes))

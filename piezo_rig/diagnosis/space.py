@@ -49,13 +49,18 @@ class Fixed:
 
 @dataclass(frozen=True, eq=False)
 class Layout:
-    """Where which columns are: base, powers, fine, generic, trials, residual."""
+    """Where which columns are: base, powers, fine, generic, trials, residual.
+
+    ``twice`` : how many of the powers the base holds already, as coefficients of a bend. Projected
+    off once more they would take along what rounding makes of them.
+    """
 
     base: int
     powers: int
     fine: int
     generic: int
     trials: int
+    twice: int = 0
 
     def part(self, name: str) -> slice:
         at = 0
@@ -108,6 +113,12 @@ class Space:
         default_factory=dict
     )
     _made_for: tuple[object, ...] = ()
+
+    @property
+    def noise_nm(self) -> float:
+        """Noise of one recording at the thinned rate, rms."""
+        grid = np.linspace(0.0, 0.5, 2001)[1:]
+        return 1e3 * float(np.sqrt(np.mean(self.whitener.spectrum.power(grid, 0.0))))
 
     def prepare(self, model: Model) -> None:
         """Build and whiten the fixed columns; ``model`` predicts where on its way the sensor is.
@@ -198,7 +209,7 @@ class Space:
         trials : pairs of models; each column is what the second does beyond the first
         """
         p = point.values().size
-        layout = Layout(p, *self.counts, len(trials))
+        layout = Layout(p, *self.counts, len(trials), len(point.coefficients))
         whites, raws, counts, rows = [], [], [], []
         at = 0
         for index, group in enumerate(self.groups.groups):

@@ -71,8 +71,8 @@ class RangeDependence:
 
     The initial slope of a branch is lower by the fraction ``size`` after an
     excursion of 75 V, in proportion for smaller ones. The memory of the excursion
-    fades over ``fade`` volts of travel; it follows the wiping-out rule and a
-    vanishing wiggle leaves it alone.
+    fades over ``fade`` volts of travel, and a vanishing wiggle leaves it alone.
+    What a branch lacks at its beginning it does not catch up with.
     """
 
     on: bool = switch(True)

@@ -59,7 +59,6 @@ LONGEST_RECOVERING_STEP_S = 0.05
 REVERSAL_V = 0.05
 LONGEST_STRETCH_V = 0.25
 VISCOSITY_WINDOW_S = 3e-3
-EXCESS_FADES_OVER_V = 400.0
 
 
 @numba.njit(cache=True, error_model="numpy", forceinline=True)
@@ -125,18 +124,17 @@ def _move(c, walls, s, w, v):
         slid_begin += walls[BEGIN_WEIGHT, sliding] * step
         sliding += 1
     s[SLIDING] = sliding
-    front = walls[STRENGTH, sliding - 1] if sliding > 0 else 0.0
     _turn(c, s, v)
     released = travel - slid_begin
     s[WALLS] += slid
     s[BEGIN] += released
     slope = c.range_size * s[EXCURSION] + c.extremum_size * s[TURNED_AT]
     distance = abs(travel)
-    s[EXCESS] -= slope * released + s[EXCESS] * min(1.0, distance / EXCESS_FADES_OVER_V)
+    s[EXCESS] -= slope * released
     s[DRIVE] = v
     s[HIGHEST] = max(s[HIGHEST], v)
     s[LOWEST] = min(s[LOWEST], v)
-    excursion = min(2.0 * front, s[HIGHEST] - s[LOWEST])
+    excursion = min(abs(v - s[TURNED_AT]), s[HIGHEST] - s[LOWEST])
     s[EXCURSION] = max(s[EXCURSION] * math.exp(-distance / c.range_fade), excursion)
     unaged = _static(c, s)
     if c.aging != 0.0:

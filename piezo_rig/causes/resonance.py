@@ -1,0 +1,74 @@
+"""Resonance: a mechanical mode of the mount rings after each corner.
+
+Physics: stack, holder and target are a mass on a spring; a change of velocity sets off the free
+oscillation of the mode, which decays. Textbook second-order response (S. Devasia, E. Eleftheriou,
+S. Moheimani, IEEE Trans. Control Syst. Technol. 15 (2007) 802). A sensor that does not look at the
+moving end alone sees only a share of it.
+
+Shows as: a decaying oscillation after each corner of the drive, in proportion to the change of
+velocity, amplitude velocity / (2 pi frequency); nothing in smooth waveforms far below the mode.
+
+Plausible: 0.3-1 kHz mounted, damping 0.01-0.1; higher for a bare stack.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import ClassVar
+
+import numpy as np
+
+from piezo_rig.causes.cause import Cause, Context, FloatArray
+from piezo_rig.chain.stage import Signal, Stage
+
+LOWEST_HZ, HIGHEST_HZ = 60.0, 2500.0
+APART = 0.06  # neighbouring examples, relative
+DAMPINGS = (0.02, 0.08)
+EXAMPLE = 0.01  # share
+
+
+class Resonance(Cause):
+    """``frequency`` and ``damping`` of a mode on which a ``share`` of the displacement rides."""
+
+    id = "resonance"
+    place = "actuator"
+    largest: ClassVar[float] = 100.0
+    units: ClassVar[Mapping[str, str]] = {"share": "1", "frequency": "Hz", "damping": "1"}
+    sharp: ClassVar[Mapping[str, float]] = {"frequency": 20.0, "damping": 2.0}
+    limits: ClassVar[Mapping[str, tuple[float, float]]] = {
+        "share": (0.0, 2.0), "frequency": (20.0, 20_000.0), "damping": (1e-3, 0.9),
+    }
+
+    def _mode(self, time_s: FloatArray, rows: FloatArray) -> FloatArray:
+        from piezo_rig.chain.oscillation import rung
+
+        omega = 2.0 * np.pi * self["frequency"]
+        made = rung(
+            np.ascontiguousarray(time_s), np.ascontiguousarray(rows), omega, self["damping"]
+        )
+        return np.asarray(rows + self["share"] * (made - rows))
+
+    def act(self, signal: Signal) -> Signal:
+        moved = self._mode(signal.time_s, signal.displacement_um[None, :])[0]
+        return signal.with_(displacement_um=moved)
+
+    def carry(self, signal: Signal, changes: FloatArray) -> FloatArray:
+        return changes  # far below the mode: the base follows what it did without
+
+    @classmethod
+    def variants(cls, context: Context) -> list[list[Stage]]:
+        highest = min(HIGHEST_HZ, 0.4 * context.seen_hz)
+        if highest <= LOWEST_HZ:
+            return []
+        count = int(np.ceil(np.log(highest / LOWEST_HZ) / APART)) + 1
+        return [
+            [cls.of(None, share=EXAMPLE, frequency=f, damping=d)]
+            for f in np.geomspace(LOWEST_HZ, highest, count)
+            for d in DAMPINGS
+        ]
+
+    @classmethod
+    def begun(cls, trials: Sequence[Stage], shares: FloatArray) -> Stage:
+        (example,) = trials
+        share = float(np.clip(EXAMPLE * shares[0], 1e-6, 2.0))
+        return example.with_values(share=share)
