@@ -22,8 +22,8 @@ from piezo_rig.causes.cause import Cause, Context, FloatArray
 from piezo_rig.chain.stage import Signal, Stage
 
 LOWEST_HZ, HIGHEST_HZ = 60.0, 2500.0
-APART = 0.06  # neighbouring examples, relative
-DAMPINGS = (0.02, 0.08)
+APART = 0.12  # neighbouring examples, relative
+DAMPING = 0.05
 EXAMPLE = 0.01  # share
 
 
@@ -62,9 +62,8 @@ class Resonance(Cause):
             return []
         count = int(np.ceil(np.log(highest / LOWEST_HZ) / APART)) + 1
         return [
-            [cls.of(None, share=EXAMPLE, frequency=f, damping=d)]
+            [cls.of(None, share=EXAMPLE, frequency=f, damping=DAMPING)]
             for f in np.geomspace(LOWEST_HZ, highest, count)
-            for d in DAMPINGS
         ]
 
     @classmethod

@@ -23,7 +23,7 @@ from piezo_rig.errors import InputError
 FloatArray = NDArray[np.float64]
 TAPER = 6
 Law = Callable[[FloatArray, HalfLoops], FloatArray]
-"""First slopes (m,) V/um before the law, and the half loops -> first slopes (m,) after it."""
+"""Slopes (..., m) V/um before the law, and the half loops -> slopes (..., m) after it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,17 +163,19 @@ class Branches:
         # slope of each early band before any spring is added; its middle says which one it was
         middle = early - 0.5 * widths
         which = np.searchsorted(ends, middle)
-        slopes = np.where(which == 0, first[:, None], np.append(np.nan, later)[which][None, :])
+        # bands before half loops, so that a law meets rows of half loops
+        slopes = np.where(which[:, None] == 0, first, np.append(np.nan, later)[which][:, None])
         for r in self.reaching:
             added = np.zeros(len(loops))
             for begin, end, share in r.steps:
-                for band in np.flatnonzero((early > begin) & (early <= end)):
-                    change = share * (r.law(slopes[:, band], loops) - slopes[:, band])
-                    added += change * widths[band]
-                    slopes[:, band] += change
+                here = slice(*np.searchsorted(early, [begin, end], side="right"))
+                change = share * (r.law(slopes[here], loops) - slopes[here])
+                added += widths[here] @ change
+                slopes[here] += change
             last = r.steps[-1][1]
             back = (early > last) & (early <= 2.0 * last)
-            slopes[:, back] -= (r.closing / last * added)[:, None]
+            slopes[back] -= r.closing / last * added
+        slopes = np.ascontiguousarray(slopes.T)
         _positive(slopes.min(axis=1), loops)
         knots = np.cumsum(slopes * widths, axis=1)
         if not np.isfinite(self.first_break_um):

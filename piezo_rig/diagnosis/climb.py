@@ -35,7 +35,8 @@ PARABOLAS = 2
 FURTHER, FURTHER_BY = 4, 1.4
 OFF = 2.0  # an effect must be so many times what a law may be off by
 FORMS, WIDER = (0.0, 1.0), 1.5  # tapers of a law; step over its reach
-EXCHANGES = 1
+ROUNDS, DETOURS = 2, 2
+RIVAL = 0.4  # score of a rival, of the member's own
 FAR_OFF, HELPS = 2.0, 0.995  # so many times the noise; held-out error after a step, of that before
 OF_THE_MISFIT = (
     "fits, but predicts data that it has not seen no better, while the model is still far off"
@@ -89,10 +90,9 @@ def climb(
     """
     search = _Search(space, first, rng, tell, held_out, others)
     search.forward()
-    for _ in range(EXCHANGES):
-        if not search.exchange():
+    for _ in range(ROUNDS):
+        if not search.detour():
             break
-        search.forward()
     return Ladder(first, tuple(search.rungs()), tuple(search.scans))
 
 
@@ -168,6 +168,7 @@ class _Search:
         for i in close:
             fitted = self.refitted(here, found, int(i))
             if fitted is not None:
+                fitted = self.reached(fitted, result.ids[i], here)
                 worth = fitted.evidence - here.evidence - 2.0 * result.null_median[i]
                 tried.append((worth, int(i), fitted))
         for worth, i, fitted in sorted(self.carrying(tried), key=lambda t: -t[0]):
@@ -175,7 +176,6 @@ class _Search:
             if worth <= 0.0:
                 self.barred[id] = "once refitted it says no more than the model without it"
                 continue
-            fitted = self.reached(fitted, id, here)
             worse = self.worse(fitted, here) or self.of_a_law(fitted, id)
             if worse is not None:
                 self.barred[id] = worse
@@ -218,7 +218,7 @@ class _Search:
         if not issubclass(kind, Cause) or not kind.law[0]:
             return None
         laws = {c: kind.law[1] for c in self.causes
-                if issubclass(kind := CAUSES[c], Cause) and kind.law[0]}  # fmt: skip
+                if c != id and issubclass(kind := CAUSES[c], Cause) and kind.law[0]}  # fmt: skip
         if not laws:
             return None
         settle(self.space, fitted.point)
@@ -346,6 +346,11 @@ class _Search:
                 if less.evidence > new.fitted.evidence - worth_needed(new.fitted, id):
                     self.drop(id, new, less)
                     new = self.steps[-1]
+        for id in self.causes[:-1]:
+            if self.of_a_law(new.fitted, id) is not None:
+                self.tell(f"refit without {id}")
+                self.drop(id, new, refit(self.space, _less(new.fitted.point, id), held=True))
+                new = self.steps[-1]
         needless = _needless(new.fitted, [c for c in self.causes if c != new.cause])
         if needless is None:
             return
@@ -361,39 +366,46 @@ class _Search:
         self.steps[-1] = Step(new.cause, new.p_value, less)
         self.rearranged = True
 
-    def exchange(self) -> bool:
-        """Put a rival in a member's place where the data like that better."""
+    def detour(self) -> bool:
+        """Climb once more without a member; True where that led somewhere better.
+
+        One cause may stand in for two others, neither of which improves on it alone. Members that
+        are worth least are tried first, and only where a rival comes near them.
+        """
         if len(self.causes) < 2:
             return False
-        full = self.fitted
+        full, without = self.fitted, []
         for member in self.causes:
-            self.tell(f"exchange {member}")
-            less = refit(self.space, _less(full.point, member))
-            found = scan(self.space, less, self.rng, {})
-            result = found.result
-            if member not in result.ids:
+            self.tell(f"refit without {member}")
+            without.append((member, refit(self.space, _less(full.point, member), held=True)))
+        taken = 0
+        for member, less in sorted(without, key=lambda m: -m[1].evidence):
+            if taken == DETOURS:
+                break
+            settle(self.space, less.point)
+            found = scan(self.space, less, self.rng, {}).result
+            if member not in found.ids:
                 continue
-            own = result.excess[result.ids.index(member)]
-            order = np.argsort(-result.excess)[:2]
-            for i in order:
-                id = result.ids[i]
-                if id == member or result.excess[i] < 0.9 * own:
-                    continue
-                rival = self.refitted(less, found, int(i))
-                if rival is None or rival.evidence < full.evidence + NEEDED:
-                    continue
-                if self.worse(rival, full) is not None:
-                    continue
-                p = float(self.family(result)[i])
-                self.barred = {id: why for id, why in self.barred.items() if id != result.ids[i]}
-                self.steps = [
-                    Step(id if s.cause == member else s.cause,
-                         p if s.cause == member else s.p_value, s.fitted) for s in self.steps
-                ]  # fmt: skip
-                rival = self.reached(rival, result.ids[i], less)
-                self.steps[-1] = Step(self.steps[-1].cause, self.steps[-1].p_value, rival)
-                self.rearranged = True
-                return True
+            own = float(found.excess[found.ids.index(member)])
+            rivals = [x for id, x in zip(found.ids, found.excess, strict=True) if id != member]
+            if not rivals or max(rivals) < RIVAL * own:
+                continue
+            taken += 1
+            self.tell(f"detour around {member}")
+            other = replace(
+                self,
+                steps=[Step(s.cause, s.p_value, less) for s in self.steps if s.cause != member],
+                scans=[], barred={member: "tried without"}, rearranged=True,
+            )  # fmt: skip
+            other.forward()
+            more = len(other.causes) - len(self.causes)
+            if other.fitted.evidence < full.evidence + NEEDED * (1 + max(more, 0)):
+                continue
+            if other.worse(other.fitted, full) is not None:
+                continue
+            self.steps, self.barred, self.rearranged = other.steps, other.barred, True
+            self.scans += other.scans
+            return True
         return False
 
     def rungs(self) -> list[Step]:

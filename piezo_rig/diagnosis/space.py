@@ -21,7 +21,8 @@ from piezo_rig.diagnosis.groups import Group, Groups
 from piezo_rig.diagnosis.noise import Whitener
 
 FloatArray = NDArray[np.float64]
-MOST_WALKS, MOST_KNOWN = 200, 4  # kept
+MOST_KNOWN, MOST_BANDS = 4, 6  # kept
+Key = tuple[object, ...]
 
 
 @dataclass(frozen=True)
@@ -45,6 +46,21 @@ class Fixed:
     white: NDArray[np.float32]
     gram: FloatArray
     raw: NDArray[np.float32]
+
+
+@dataclass(frozen=True, eq=False)
+class Bands:
+    """What the bands of the element tables do in one piece, shapes (b, n), per unit of compliance.
+
+    ``white`` whitened, ``raw`` unwhitened and centred; their Gram matrices, and ``cross`` (b, m)
+    with the fixed columns.
+    """
+
+    white: FloatArray
+    raw: FloatArray
+    gram: FloatArray
+    raw_gram: FloatArray
+    cross: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,11 +124,10 @@ class Space:
     generic: list[Fixed] = field(default_factory=list)
     counts: tuple[int, int, int] = (0, 0, 0)
     law: FloatArray = field(default_factory=lambda: np.zeros(0))
-    _walked: dict[tuple[object, ...], NDArray[np.float32]] = field(default_factory=dict)
-    _known: dict[tuple[object, ...], tuple[list[Fixed], tuple[int, int, int]]] = field(
-        default_factory=dict
-    )
-    _made_for: tuple[object, ...] = ()
+    _prepared: Model | None = None
+    _known: dict[Key, tuple[Model, list[Fixed], tuple[int, int, int]]] = field(default_factory=dict)
+    _bands: dict[Key, list[Bands]] = field(default_factory=dict)
+    _made_for: Key = ()
 
     @property
     def noise_nm(self) -> float:
@@ -124,26 +139,30 @@ class Space:
         """Build and whiten the fixed columns; ``model`` predicts where on its way the sensor is.
 
         The dictionary is made once. The actuator's columns go through the model's other stages,
-        and are made anew when those have changed by more than a little.
+        and are made anew when those have changed by more than a little. The bands of the tables
+        go through the same ones: a difference between the two would hold a share of a cause.
         """
         key = (
             self.first_rise,
             *(
                 (s.id, *(_rounded(p.value) for p in s.parameters.values()))
                 for s in model.stages
-                if type(s).act is not Stage.act and not s.linear
+                if type(s).act is not Stage.act and not s.linear and s.locked_to == "drive"
             ),
         )
         if self.fixed and key == self._made_for:
             return
         self._made_for = key
         if key in self._known:
-            self.fixed, self.counts = self._known[key]
+            self._prepared, self.fixed, self.counts = self._known[key]
             return
+        self._prepared = model
         if not self.generic:
             self._make_generic(model)
         while len(self._known) >= MOST_KNOWN:
-            self._known.pop(next(iter(self._known)))
+            old = next(iter(self._known))
+            self._known.pop(old)
+            self._bands = {k: v for k, v in self._bands.items() if k[0] != old}
         self.fixed = []
         for index, group in enumerate(self.groups.groups):
             plays = dictionary.fine(group, self.scales, self.first_rise)
@@ -170,7 +189,7 @@ class Space:
                     np.concatenate([raw, generic.raw]),
                 ))  # fmt: skip
 
-        self._known[key] = (self.fixed, self.counts)
+        self._known[key] = (model, self.fixed, self.counts)
 
     def _make_generic(self, model: Model) -> None:
         for index, group in enumerate(self.groups.groups):
@@ -212,23 +231,30 @@ class Space:
         layout = Layout(p, *self.counts, len(trials), len(point.coefficients))
         whites, raws, counts, rows = [], [], [], []
         at = 0
+        bands = self.bands(point)
         for index, group in enumerate(self.groups.groups):
             moving = self.moving(group, point, trials)
             for piece in self.pieces:
                 if piece.group != index:
                     continue
                 cut = moving[:, piece.begin : piece.end]
-                fixed = self.fixed[at]
+                fixed, base = self.fixed[at], bands[at]
                 at += 1
+                k = len(base.white)
                 weight = np.sqrt(group.repeats)
                 white = self.whiten(cut, weight)
-                cross = white @ fixed.white.T.astype(float)
-                whites.append(_assembled(white @ white.T, cross, fixed.gram, p, len(trials)))
-                own = np.concatenate([cut[:p], cut[-1:]])
+                known = base.white @ white.T
+                gram = np.block([[base.gram, known], [known.T, white @ white.T]])
+                cross = np.concatenate([base.cross, white @ fixed.white.T.astype(float)])
+                whites.append(_assembled(gram, cross, fixed.gram, p, len(trials)))
+                own = np.concatenate([cut[: p - k], cut[-1:]])
                 own = own - own.mean(axis=1, keepdims=True)
-                raws.append(group.repeats * own @ own.T)
+                known = base.raw @ own.T
+                raws.append(group.repeats * np.block([[base.raw_gram, known],
+                                                      [known.T, own @ own.T]]))  # fmt: skip
                 counts.append(float(group.repeats * cut.shape[1]))
-                rows.append((white[:p], own[:p]))
+                rows.append((np.concatenate([base.white, white[: p - k]]),
+                             np.concatenate([base.raw, own[:-1]])))  # fmt: skip
         law = self.law if self.law.size else np.zeros(self.counts[2])
         return Linear(layout, np.array(whites), np.array(raws), np.array(counts), law, tuple(rows))
 
@@ -263,9 +289,8 @@ class Space:
     def moving(
         self, group: Group, point: Point, trials: Sequence[tuple[Model, Model]]
     ) -> FloatArray:
-        """Thinned base tangent, trial signatures, residual of one group; (p + t + 1, m)."""
-        bands = None if point.fixed else self._bands(group, point)
-        predicted, tangent = point.tangent(group, 0 if bands is None else point.compliances)
+        """Thinned tangent of all but the bands, trial signatures, residual of one group."""
+        predicted, tangent = point.tangent(group, 0 if point.fixed else point.compliances)
         rows = [tangent]
         known: dict[int, FloatArray] = {id(point.model): predicted}
         for before, after in trials:
@@ -274,22 +299,35 @@ class Space:
             rows.append((group.predicted(after) - known[id(before)])[None])
         mean = group.measured_um.mean(axis=0)
         rows.append((mean - predicted)[None])
-        thin = self.groups.thinned(group, np.concatenate(rows))
-        return thin if bands is None else np.concatenate([bands, thin])
+        return self.groups.thinned(group, np.concatenate(rows))
 
-    def _bands(self, group: Group, point: Point) -> FloatArray:
-        """Derivative by the compliances, thinned."""
-        model = point.model
-        drive = [(s.id, *(p.value for p in s.parameters.values()))
-                 for s in model.stages if s.place == "drive"]  # fmt: skip
+    def bands(self, point: Point) -> list[Bands]:
+        """Derivatives by the compliances, piece by piece, as of the model that was prepared."""
+        assert self._prepared is not None
+        if point.fixed:
+            return [_no_bands(p.end - p.begin, len(f.white))
+                    for p, f in zip(self.pieces, self.fixed, strict=True)]  # fmt: skip
         tables = [s.elements.knots_v.round(9).tobytes() for s in point.tables if s.elements]
-        key = (id(group), *drive, *tables)
-        if key not in self._walked:
-            rows = basis.bands(model, group)
-            if len(self._walked) > MOST_WALKS:
-                self._walked.clear()
-            self._walked[key] = self.groups.thinned(group, rows).astype(np.float32)
-        return self._carried(model, group, self._walked[key].astype(float))
+        key = (self._made_for, *tables)
+        if key in self._bands:
+            return self._bands[key]
+        while len(self._bands) >= MOST_BANDS:
+            self._bands.pop(next(iter(self._bands)))
+        model = _with_tables(self._prepared, point.model)
+        out: list[Bands] = []
+        for index, group in enumerate(self.groups.groups):
+            thin = self.groups.thinned(group, basis.bands(model, group))
+            moved = self._carried(model, group, thin)
+            for piece in self.pieces:
+                if piece.group != index:
+                    continue
+                cut = moved[:, piece.begin : piece.end]
+                white = self.whiten(cut, np.sqrt(group.repeats))
+                raw = cut - cut.mean(axis=1, keepdims=True)
+                fixed = self.fixed[len(out)].white.astype(float)
+                out.append(Bands(white, raw, white @ white.T, raw @ raw.T, white @ fixed.T))
+        self._bands[key] = out
+        return out
 
     def _carried(self, model: Model, group: Group, columns: FloatArray) -> FloatArray:
         """Thinned changes of the actuator's displacement as the sensor shows them."""
@@ -317,8 +355,22 @@ class Space:
 
 
 def _rounded(value: float) -> float:
-    """Four digits; what is projected off must not differ from the base by a share of a cause."""
-    return float(f"{value:.3e}")
+    """Two digits: the columns hardly differ within them."""
+    return float(f"{value:.1e}")
+
+
+def _no_bands(samples: int, fixed: int) -> Bands:
+    none, empty = np.zeros((0, samples)), np.zeros((0, 0))
+    return Bands(none, none, empty, empty, np.zeros((0, fixed)))
+
+
+def _with_tables(model: Model, of: Model) -> Model:
+    """A model's other stages around another one's element tables."""
+    others = [s for s in model.stages if s.elements is None]
+    out = of.with_(stages=tuple(s for s in of.stages if s.elements is not None))
+    for stage in others:
+        out = out.with_stage(stage)
+    return out
 
 
 def _assembled(own: FloatArray, cross: FloatArray, fixed: FloatArray, p: int, t: int) -> FloatArray:

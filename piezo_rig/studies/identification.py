@@ -309,8 +309,8 @@ draws new noise and identifies; the table says how often the truth lies in the s
   mean apart, drawn afresh for every actuator; *coloured* noise has a correlation of 0.95 between
   neighbouring samples. The aim is 92-98 % in every column.
 - The last columns are the median widths of the bands of the response.
-- A share is of {trials} trials on {actuators} actuators, and uncertain by 2 to 3 %. Narrow: coloured
-  noise together with a law and elements that are chosen.
+- A share is of {trials} trials on {actuators} actuators, and uncertain by 2 to 3 %. Narrow:
+  coloured noise together with a law and elements that are chosen.
 
 What is estimated does not depend on our grid. The *response* is the truth's at a drive. An
 *element's* compliance is the truth's mean over the stretch of drive that the element covers.
