@@ -38,6 +38,7 @@ class RateDependence(Cause):
     place = "actuator"
     law: ClassVar[tuple[tuple[str, ...], float]] = (("frequency",), 0.05)
     needs_speeds = True
+    passes = True  # the lag hardly depends on the displacement
     units: ClassVar[Mapping[str, str]] = {"lag_um": "um", "exponent": "1"}
     optional: ClassVar[Mapping[str, str]] = {"by_slope": "1"}
     given: ClassVar[tuple[str, ...]] = ("by_slope",)
@@ -63,9 +64,6 @@ class RateDependence(Cause):
             slope = np.divide(followed, moved, out=np.zeros_like(x), where=known) / whole
             lag = lag * np.clip(slope, 0.0, MOST)
         return signal.with_(displacement_um=signal.displacement_um - lag)
-
-    def carry(self, signal: Signal, changes: FloatArray) -> FloatArray:
-        return changes  # the lag hardly depends on the displacement
 
     @classmethod
     def variants(cls, context: Context) -> list[list[Stage]]:

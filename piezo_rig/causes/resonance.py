@@ -32,6 +32,7 @@ class Resonance(Cause):
 
     id = "resonance"
     place = "actuator"
+    passes = True  # far below the mode
     largest: ClassVar[float] = 100.0
     units: ClassVar[Mapping[str, str]] = {"share": "1", "frequency": "Hz", "damping": "1"}
     sharp: ClassVar[Mapping[str, float]] = {"frequency": 20.0, "damping": 2.0}
@@ -51,9 +52,6 @@ class Resonance(Cause):
     def act(self, signal: Signal) -> Signal:
         moved = self._mode(signal.time_s, signal.displacement_um[None, :])[0]
         return signal.with_(displacement_um=moved)
-
-    def carry(self, signal: Signal, changes: FloatArray) -> FloatArray:
-        return changes  # far below the mode: the base follows what it did without
 
     @classmethod
     def variants(cls, context: Context) -> list[list[Stage]]:

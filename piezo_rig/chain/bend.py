@@ -27,6 +27,7 @@ class Bend(Stage):
     units: ClassVar[Mapping[str, str]] = {
         "from_v": "V", "over_v": "V", **dict.fromkeys(POWERS, "um"),
     }
+    passes = True
     linear: ClassVar[tuple[str, ...]] = tuple(POWERS)
 
     @classmethod
@@ -38,6 +39,3 @@ class Bend(Stage):
         u = (signal.drive_v - self["from_v"]) / self["over_v"]
         bent = sum(self[name] * u**power for name, power in POWERS.items())
         return signal.with_(displacement_um=signal.displacement_um + bent)
-
-    def carry(self, signal: Signal, changes: FloatArray) -> FloatArray:
-        return changes

@@ -133,6 +133,11 @@ class Branches:
             rest=Curve(np.cumsum(slopes[1:] * steps)[:-1], 1.0 / slopes[1:]),
         )
 
+    @property
+    def has_laws(self) -> bool:
+        """Whether branches differ from half loop to half loop."""
+        return bool(self.laws or self.reaching)
+
     def first_slopes(self, loops: HalfLoops) -> FloatArray:
         """First slope of the branches of every half loop, V/um, shape (m,)."""
         slopes = np.full(len(loops), self.first_slope_v_per_um)
@@ -195,7 +200,7 @@ class Branches:
         """Cut a drive (n,) into segments; the memory is virgin at its first sample."""
         from piezo_rig.chain import kernels
 
-        if self.laws or self.reaching:
+        if self.has_laws:
             loops = half_loops(drive_v) if loops is None else loops
             bands, start = self.bands(loops), loops.start
         else:

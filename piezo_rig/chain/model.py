@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -16,6 +18,33 @@ from piezo_rig.errors import InputError
 
 FloatArray = NDArray[np.float64]
 LONG_AGO_S = 1e7
+
+
+class Memo:
+    """What one model made of one drive, stage by stage, for models that differ little from it.
+
+    Whoever simulates the same drive with many neighbours of a model keeps one of these for it.
+    A stage that is the same object after the same stages is not played again.
+    """
+
+    def __init__(self) -> None:
+        self._of: object = None
+        self._known: dict[tuple[object, ...], Any] = {}
+
+    def remember(self, model: Model) -> None:
+        """From now on what this model does is kept, and nothing of what was kept before."""
+        if self._of is not model:
+            self._of = model  # held, so that no other stage takes the place of one of its stages
+            self._known = {}
+
+    def get(self, model: Model, key: tuple[object, ...], make: Callable[[], Any]) -> Any:
+        """What is known by a key, else what ``make`` makes."""
+        if key in self._known:
+            return self._known[key]
+        made = make()
+        if model is self._of:
+            self._known[key] = made
+        return made
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,6 +112,7 @@ class Model:
         drive_v: FloatArray,
         history: str = "virgin",
         free_end: bool = False,
+        memo: Memo | None = None,
     ) -> FloatArray:
         """What the sensor would show of a drive.
 
@@ -97,6 +127,7 @@ class Model:
             excursion is remembered already; long ago, so that nothing creeps any more.
             Sweeps that carry on from each other are simulated as one drive.
         free_end : leave sensor and acquisition stages out
+        memo : of this drive with this history
 
         Returns
         -------
@@ -112,11 +143,13 @@ class Model:
         if looks_at_all and not np.all(np.isfinite(drive)):
             _refuse_gaps(drive)
         before = 0
+        memo = Memo() if memo is None else memo
         if history != "virgin":
-            drive = _preceded(drive)
+            given = drive
+            drive = memo.get(self, ("preceded",), lambda: _preceded(given))
             before = drive.size - time.size
             time = np.concatenate([time[0] - LONG_AGO_S * np.arange(before, 0, -1), time])
-        signal = self._play(time, drive, free_end)
+        signal = self._play(time, drive, free_end, memo)
         displacement = signal.displacement_um[before:]
         # one bad sample makes all that follow it bad: looking at the last is enough
         if not np.isfinite(displacement[-1]):
@@ -137,19 +170,34 @@ class Model:
             drive = _preceded(drive)
             before = drive.size - drive_v.size
         time = np.arange(drive.size, dtype=float)
-        return still._play(time, drive, True).displacement_um[before:]
+        return still._play(time, drive, True, Memo()).displacement_um[before:]
 
-    def _play(self, time: FloatArray, drive: FloatArray, free_end: bool) -> Signal:
+    def _play(self, time: FloatArray, drive: FloatArray, free_end: bool, memo: Memo) -> Signal:
         signal = Signal(time, drive, np.zeros(0))
         active = [s for s in self.stages if s.locked_to == "drive"]
+        key: tuple[object, ...] = ()
         for stage in active:
             if stage.place == "drive":
-                signal = stage.act(signal)
-        drive = np.ascontiguousarray(signal.drive_v)
-        signal = signal.with_(displacement_um=self.branches().displacement(drive))
+                key = (*key, id(stage))
+                signal = memo.get(self, key, partial(stage.act, signal))
+        driven = np.ascontiguousarray(signal.drive_v)
+        branches = self.branches()
+        if branches.has_laws:
+            loops = memo.get(self, ("loops", *key), lambda: half_loops(driven))
+        else:
+            loops = None
+        key = (*key, *(id(s) for s in self.stages if type(s).shape is not Stage.shape), "kernel",
+               id(self.maxwell))  # fmt: skip
+        moved = memo.get(
+            self, key, lambda: branches.displacement(driven, branches.walk(driven, loops))
+        )
+        signal = signal.with_(displacement_um=moved)
         for stage in active:
             if stage.place == "actuator" or (stage.place != "drive" and not free_end):
-                signal = stage.act(signal)
+                if type(stage).act is Stage.act:
+                    continue
+                key = (*key, id(stage))
+                signal = memo.get(self, key, partial(stage.act, signal))
         return signal
 
 

@@ -61,6 +61,7 @@ class Stage:
     linear : parameters that the displacement is linear in, fitted with the element tables
     neutral : values at which it does nothing, where that is not 0
     has_elements : whether it carries an element table
+    passes : small changes of the displacement before it show behind it as they are
     """
 
     id: ClassVar[str] = ""
@@ -71,6 +72,7 @@ class Stage:
     neutral: ClassVar[Mapping[str, float]] = {}
     linear: ClassVar[tuple[str, ...]] = ()
     has_elements: ClassVar[bool] = False
+    passes: ClassVar[bool] = False
 
     parameters: dict[str, Parameter] = field(default_factory=dict)
     elements: Elements | None = None
@@ -100,6 +102,8 @@ class Stage:
 
     def carry(self, signal: Signal, changes: FloatArray) -> FloatArray:
         """What the stage makes of small changes (k, n) of the displacement of a signal."""
+        if self.passes:
+            return changes
         plain, out = self.act(signal).displacement_um, np.empty_like(changes)
         size = 1e-3 * float(np.ptp(signal.displacement_um))
         for k, change in enumerate(changes):

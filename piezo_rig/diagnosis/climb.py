@@ -19,6 +19,7 @@ from piezo_rig.causes.cause import Cause
 from piezo_rig.chain.bend import Bend
 from piezo_rig.diagnosis.confusion import strengths
 from piezo_rig.diagnosis.fit import Point
+from piezo_rig.diagnosis.likelihood import Likelihood, reduce
 from piezo_rig.diagnosis.refit import Fitted, refit, settle
 from piezo_rig.diagnosis.scan import FINER, LEVEL, Found, Scan, extended, scan, score_powers
 from piezo_rig.diagnosis.space import Space
@@ -28,6 +29,7 @@ FloatArray = NDArray[np.float64]
 MOST = 8  # findings
 CLOSE, RUN_OFF = 0.4, 3  # share of the best score, and how many are refitted to compare
 DIFFERENT = 1e-4  # a member must differ from nothing at this level
+SAFE = 20.0  # times what a table must be worth: not looked at again
 NEEDED = 3.0  # log-likelihood that decides between models
 LARGE = 300.0  # log-likelihood above which the linear start is not trusted
 PLAIN = 20.0  # log-likelihood above which all forms of a law are refitted
@@ -35,7 +37,7 @@ PARABOLAS = 2
 FURTHER, FURTHER_BY = 4, 1.4
 OFF = 2.0  # an effect must be so many times what a law may be off by
 FORMS, WIDER = (0.0, 1.0), 1.5  # tapers of a law; step over its reach
-ROUNDS, DETOURS = 2, 2
+ROUNDS, DETOURS, FEW = 2, 2, 3
 RIVAL = 0.4  # score of a rival, of the member's own
 FAR_OFF, HELPS = 2.0, 0.995  # so many times the noise; held-out error after a step, of that before
 OF_THE_MISFIT = (
@@ -91,7 +93,7 @@ def climb(
     search = _Search(space, first, rng, tell, held_out, others)
     search.forward()
     for _ in range(ROUNDS):
-        if not search.detour():
+        if not (search.few or search.left_over()) or not search.detour():
             break
     return Ladder(first, tuple(search.rungs()), tuple(search.scans))
 
@@ -108,6 +110,7 @@ class _Search:
     scans: list[Scan] = field(default_factory=list)
     barred: dict[str, str] = field(default_factory=dict)
     rearranged: bool = False
+    safe: set[str] = field(default_factory=set)  # tables that nothing can stand in for
     errors: dict[tuple[int, int], tuple[float, Fitted]] = field(default_factory=dict)
 
     @property
@@ -117,6 +120,17 @@ class _Search:
     @property
     def causes(self) -> list[str]:
         return [s.cause for s in self.steps if s.cause != BEND]
+
+    @property
+    def few(self) -> bool:
+        """Whether what stands in for what is quickly tried out."""
+        return len(self.causes) <= FEW
+
+    def left_over(self) -> bool:
+        """Whether something is left that nobody has a name for."""
+        settle(self.space, self.fitted.point)
+        reduced = reduce(self.space.linear(self.fitted.point))
+        return Likelihood(reduced).score_generic(self.rng)[1] < LEVEL
 
     def forward(self) -> None:
         """Take in what the data ask for, one after the other."""
@@ -287,7 +301,8 @@ class _Search:
                     known[r] = self.at(known[best], id, reach=r)
             if 0 < int(np.argmax(y)) < y.size - 1:
                 step *= 0.5
-        return max(known.values(), key=lambda f: f.evidence)
+        likeliest = max(known.values(), key=lambda f: f.evidence)
+        return refit(self.space, likeliest.point, steps=2, held=True)
 
     def wider(self, fitted: Fitted, id: str) -> Fitted:
         """The best of a law's forms, each followed over its reach in large steps."""
@@ -315,7 +330,7 @@ class _Search:
         stage = fitted.point.model.stage(id)
         assert stage is not None
         moved = fitted.point.model.with_stage(stage.with_values(**values))
-        return refit(self.space, replace(fitted.point, model=moved), steps=2, held=True)
+        return refit(self.space, replace(fitted.point, model=moved), steps=1, held=True)
 
     def further(self, fitted: Fitted, id: str) -> Fitted:
         """A large effect once more from further out: what a small one mimics may hold it back."""
@@ -340,10 +355,13 @@ class _Search:
         """Drop an earlier member that the newest one has made needless."""
         new = self.steps[-1]
         for id in self.causes[:-1]:
-            if CAUSES[id].has_elements:
+            if CAUSES[id].has_elements and id not in self.safe:
                 self.tell(f"refit without {id}")
                 less = refit(self.space, _less(new.fitted.point, id), held=True)
-                if less.evidence > new.fitted.evidence - worth_needed(new.fitted, id):
+                needed = worth_needed(new.fitted, id)
+                if less.evidence < new.fitted.evidence - SAFE * needed:
+                    self.safe.add(id)
+                if less.evidence > new.fitted.evidence - needed:
                     self.drop(id, new, less)
                     new = self.steps[-1]
         for id in self.causes[:-1]:

@@ -76,12 +76,17 @@ def fine(group: Group, scales: Scales, first_rise: bool) -> FloatArray:
     return np.concatenate([plays, np.minimum(reach, steps) * 2.0 * cell[::2, None]])
 
 
+def carries(stage: Stage) -> bool:
+    """Whether what is before a stage shows differently behind it."""
+    return type(stage).act is not Stage.act and not stage.passes
+
+
 def through(model: Model, group: Group, columns: FloatArray) -> FloatArray:
     """What the sensor shows of small changes (k, n) of the actuator's own displacement."""
     stages = [
         s
         for s in model.stages
-        if s.place != "drive" and s.locked_to == "drive" and type(s).act is not Stage.act
+        if s.place != "drive" and s.locked_to == "drive" and carries(s)
     ]
     if not stages:
         return columns

@@ -86,18 +86,21 @@ class Point:
             assert stage.elements is not None
             n = len(stage.elements)
             c = values[at : at + n]
+            at += n
+            if np.array_equal(c, 1.0 / stage.elements.slopes):  # the same stage: see `Memo`
+                continue
             c = np.maximum(c, FLOOR * float(np.mean(np.abs(c))))
             model = _replaced(
                 model, type(stage)(stage.parameters, Elements.from_curve(stage.elements.knots_v, c))
             )
-            at += n
         names = [*self.coefficients, *self.names]
         for (id, name), value in zip(names, values[at:], strict=True):
             own = model.stage(id)
             assert own is not None
             if isinstance(own, Cause) and name in own.limits:
                 value = float(np.clip(value, *own.limits[name]))
-            model = _replaced(model, own.with_values(**{name: float(value)}))
+            if value != own[name]:
+                model = _replaced(model, own.with_values(**{name: float(value)}))
         return Point(model, self.fixed, self.sizes)
 
     def neighbours(self, first: int = 0) -> list[tuple[Model, float]]:
@@ -131,6 +134,7 @@ class Point:
 
     def tangent(self, group: Group, first: int = 0) -> tuple[FloatArray, FloatArray]:
         """Prediction (n,) and its derivative by the free numbers from ``first`` on, (p, n)."""
+        group.memo.remember(self.model)
         base = group.predicted(self.model)
         near = self.neighbours(first)
         out = np.empty((len(near), base.size))

@@ -9,13 +9,13 @@ but what lies above the thinned rate.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from piezo_rig.causes.cause import added_by
-from piezo_rig.chain import HalfLoops, Model
+from piezo_rig.chain import HalfLoops, Memo, Model
 from piezo_rig.errors import InputError
 from piezo_rig.identification.data import Data, Track
 from piezo_rig.run_file.sweep import Sweep
@@ -51,6 +51,7 @@ class Group:
     loops: HalfLoops
     condition: str
     sweeps: tuple[tuple[int, ...], ...]
+    memo: Memo = field(default_factory=Memo, init=False, repr=False)
 
     @property
     def repeats(self) -> int:
@@ -62,7 +63,7 @@ class Group:
 
     def predicted(self, model: Model) -> FloatArray:
         """What the sensor would show, clock-locked stages of the model included; shape (n,)."""
-        moved = model.simulate(self.time_s, self.drive_v, self.history)
+        moved = model.simulate(self.time_s, self.drive_v, self.history, memo=self.memo)
         for stage in model.stages:
             if stage.locked_to == "clock":
                 moved = moved + added_by(stage, self.time_s, self.drive_v)
@@ -119,7 +120,9 @@ class Groups:
             n = (b - a) // self.factor
             cut = values[..., a : a + n * self.factor]
             if self.factor > 1:
-                cut = cut.reshape(*values.shape[:-1], n, self.factor).mean(axis=-1)
+                # as a product, which is far faster than a mean over few
+                cut = cut.reshape(*values.shape[:-1], n, self.factor)
+                cut = cut @ np.full(self.factor, 1.0 / self.factor)
             parts.append(cut)
         return np.concatenate(parts, axis=-1)
 

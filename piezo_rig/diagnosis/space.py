@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from piezo_rig.chain import Model, Stage
+from piezo_rig.chain import Model
 from piezo_rig.diagnosis import basis, dictionary
 from piezo_rig.diagnosis.dictionary import Scales
 from piezo_rig.diagnosis.fit import Point
@@ -147,7 +147,7 @@ class Space:
             *(
                 (s.id, *(_rounded(p.value) for p in s.parameters.values()))
                 for s in model.stages
-                if type(s).act is not Stage.act and not s.linear and s.locked_to == "drive"
+                if dictionary.carries(s) and s.locked_to == "drive"
             ),
         )
         if self.fixed and key == self._made_for:
@@ -355,8 +355,8 @@ class Space:
 
 
 def _rounded(value: float) -> float:
-    """Two digits: the columns hardly differ within them."""
-    return float(f"{value:.1e}")
+    """On a scale of steps of a tenth: the columns hardly differ within one."""
+    return float(np.sign(value) * np.round(np.log(max(abs(value), 1e-12)) / np.log(1.1)))
 
 
 def _no_bands(samples: int, fixed: int) -> Bands:
