@@ -21,7 +21,7 @@ import numpy as np
 from piezo_rig.causes.cause import Cause, Context, FloatArray
 from piezo_rig.chain.stage import Signal, Stage
 
-LOWEST_HZ, HIGHEST_HZ = 60.0, 2500.0
+LOWEST_HZ, HIGHEST_HZ = 110.0, 2500.0  # below lies the hum
 APART = 0.12  # neighbouring examples, relative
 DAMPING = 0.05
 EXAMPLE = 0.01  # share

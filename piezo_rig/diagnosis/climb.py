@@ -27,6 +27,7 @@ from piezo_rig.errors import InputError
 
 FloatArray = NDArray[np.float64]
 MOST = 8  # findings
+LATER = 0.002  # chance of a false alarm for each finding after the first: there are several looks
 CLOSE, RUN_OFF = 0.4, 3  # share of the best score, and how many are refitted to compare
 DIFFERENT = 1e-4  # a member must differ from nothing at this level
 SAFE = 20.0  # times what a table must be worth: not looked at again
@@ -50,11 +51,12 @@ Tell = Callable[[str], None]
 
 @dataclass(frozen=True, eq=False)
 class Step:
-    """One accepted cause, and the model with it."""
+    """One accepted cause, and the model with it; ``rivals`` were refitted to nearly the same."""
 
     cause: str
     p_value: float
     fitted: Fitted
+    rivals: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,7 +144,8 @@ class _Search:
             result = found.result
             self.scans.append(result)
             family = self.family(result)
-            good = np.flatnonzero(family < LEVEL) if family.size else np.empty(0, int)
+            level = LATER if self.causes else LEVEL
+            good = np.flatnonzero(family < level) if family.size else np.empty(0, int)
             best = float(result.ratio[good].max()) if good.size else 0.0
             if self.bend(here, best):
                 continue
@@ -194,7 +197,8 @@ class _Search:
             if worse is not None:
                 self.barred[id] = worse
                 continue
-            self.steps.append(Step(id, float(family[i]), fitted))
+            rivals = tuple(result.ids[j] for w, j, _ in tried if j != i and w > worth - NEEDED)
+            self.steps.append(Step(id, float(family[i]), fitted, rivals))
             self.barred = {k: why for k, why in self.barred.items() if why != OF_THE_MISFIT}
             self.prune()
             return True
@@ -381,7 +385,7 @@ class _Search:
         """Take a member out for good; ``less`` is the model without it."""
         self.barred[id] = f"not needed beside {new.cause}, which does the same"
         self.steps = [s for s in self.steps if s.cause != id]
-        self.steps[-1] = Step(new.cause, new.p_value, less)
+        self.steps[-1] = replace(new, fitted=less)
         self.rearranged = True
 
     def detour(self) -> bool:
@@ -412,7 +416,7 @@ class _Search:
             self.tell(f"detour around {member}")
             other = replace(
                 self,
-                steps=[Step(s.cause, s.p_value, less) for s in self.steps if s.cause != member],
+                steps=[replace(s, fitted=less) for s in self.steps if s.cause != member],
                 scans=[], barred={member: "tried without"}, rearranged=True,
             )  # fmt: skip
             other.forward()
@@ -436,7 +440,7 @@ class _Search:
             point = self.steps[-1].fitted.point
             for id in members[k + 1 :]:
                 point = _less(point, id)
-            out.append(Step(step.cause, step.p_value, refit(self.space, point)))
+            out.append(replace(step, fitted=refit(self.space, point)))
         return [*out, self.steps[-1]]
 
 

@@ -15,7 +15,7 @@ from piezo_rig.chain import Model, Parameter
 from piezo_rig.diagnosis import engine
 from piezo_rig.diagnosis.checks import baseline_warnings, data_warnings
 from piezo_rig.diagnosis.climb import BEND, Ladder, climb
-from piezo_rig.diagnosis.confusion import Confusion, confusion
+from piezo_rig.diagnosis.confusion import confusion
 from piezo_rig.diagnosis.fit import Point, starting_model
 from piezo_rig.diagnosis.follow_up import FollowUp, follow_up
 from piezo_rig.diagnosis.groups import Groups, group_tracks
@@ -172,7 +172,7 @@ def diagnose(
     settle(space, last.point)
     name = baseline if isinstance(baseline, str) else (baseline.name or "given model")
     model = final_model(last, name)
-    confused: dict[str, Confusion] = {}
+    confused: dict[str, list[str]] = {}
     for i, step in enumerate(ladder.steps):
         if step.cause == BEND:
             notes.append(
@@ -181,12 +181,16 @@ def diagnose(
             )
             continue
         found = confusion(space, last, step.cause)
-        confused[step.cause] = found
+        members = [s.cause for s in ladder.steps]
+        confused[step.cause] = [
+            *found.alternatives,
+            *(c for c in step.rivals if c not in members and c not in found.alternatives),
+        ]
         value, interval = gains[len(early) + i]
         findings.append(Finding(
             step.cause, CAUSES[step.cause].place, step.p_value,
             None if kind == "none" else value, None if kind == "none" else interval,
-            parameters_of(last, step.cause, model), found.alternatives, found.d_prime,
+            parameters_of(last, step.cause, model), confused[step.cause], found.d_prime,
         ))  # fmt: skip
     if kind == "none":
         notes.append("too few cycles to hold anything out: figures are of the fit itself, gains "
@@ -197,7 +201,7 @@ def diagnose(
         unexplained(space, last, floor or rungs[-1].rms_nm, rng),
         find_line(clean, last.point.model), floor,
     )  # fmt: skip
-    advice = follow_up(space, last, {c: f.alternatives for c, f in confused.items()})
+    advice = follow_up(space, last, confused)
     refused = ladder.scans[-1].refused if ladder.scans else {}
     return Diagnosis(
         len(sweeps), sum(s.samples for s in sweeps), raw.repeats, kind,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import scipy.signal
 
 from piezo_rig.causes import CAUSES
 from piezo_rig.causes.cause import Cause, Context
@@ -60,13 +61,36 @@ def test_drift_goes_with_the_clock_and_is_left_out_of_simulations():
     assert np.all(model.simulate(TIME, np.zeros(TIME.size)) == 0.0)
 
 
+def test_a_mode_answers_a_corner_as_the_equation_of_motion_does():
+    time = np.arange(0.0, 0.05, 1e-4)
+    ramp = 40.0 * np.maximum(time - 0.01, 0.0)
+    omega, damping = 2 * np.pi * 600.0, 0.04
+    system = ([omega**2], [1.0, 2 * damping * omega, omega**2])
+    x = seen("resonance", ramp, time=time, share=0.3, frequency=600.0, damping=damping)
+    (_, moved, _) = scipy.signal.lsim(system, ramp, time)
+    assert x == pytest.approx(0.7 * ramp + 0.3 * moved, abs=1e-9)
+
+
+def test_a_mode_does_not_mind_how_a_record_is_sampled():
+    time = np.cumsum(np.random.default_rng(5).choice([1e-4, 2e-4, 5e-4], 300))
+    even = np.arange(0.0, time[-1] + 1e-4, 1e-5)
+    ramp = 40.0 * np.minimum(time, time[150])
+    fine = 40.0 * np.minimum(even, time[150])
+    values = {"share": 1.0, "frequency": 600.0, "damping": 0.2}
+    coarse = seen("resonance", ramp - ramp[0], time=time, **values)
+    # the finer record begins at 0 s, in motion; both have forgotten that after 100 ms
+    close = np.interp(time, even, seen("resonance", fine, time=even, **values)) - ramp[0]
+    late = time > time[0] + 0.02
+    assert coarse[late] == pytest.approx(close[late], abs=2e-5)
+
+
 def test_every_example_of_a_cause_changes_what_it_should_and_little():
     drive = np.tile(np.concatenate([np.linspace(0, 50, 500), np.linspace(50, 0, 500)]), 3)
     time = np.arange(drive.size) * 1e-3
     knots = np.arange(1.0, 11.0) * 5.0
     model = Model((Maxwell.of(Elements.from_curve(knots, np.linspace(0.1, 0.16, 10))),))
     plain = model.simulate(time, drive)
-    context = Context(model, float(np.ptp(plain)), 50.0, np.array([100.0]), 1e-3, 3.0)
+    context = Context(model, float(np.ptp(plain)), 50.0, np.array([100.0]), 1e-3, 3.0, 1000.0)
     for id, kind in CAUSES.items():
         assert issubclass(kind, Cause)
         for trial in kind.trials(context):
