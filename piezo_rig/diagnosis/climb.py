@@ -36,6 +36,7 @@ LARGE = 300.0  # log-likelihood above which the linear start is not trusted
 PLAIN = 20.0  # log-likelihood above which all forms of a law are refitted
 PARABOLAS = 2
 FURTHER, FURTHER_BY = 4, 1.4
+WEAK, SHADOW = 10.0, 15.0  # d' and log-likelihood that leave an effect in doubt beside such laws
 OFF = 2.0  # an effect must be so many times what a law may be off by
 FORMS, WIDER = (0.0, 1.0), 1.5  # tapers of a law; step over its reach
 ROUNDS, DETOURS, FEW = 2, 2, 3
@@ -94,6 +95,7 @@ def climb(
     """
     search = _Search(space, first, rng, tell, held_out, others)
     search.forward()
+    search.clear()
     for _ in range(ROUNDS):
         if not (search.few or search.left_over()) or not search.detour():
             break
@@ -381,11 +383,28 @@ class _Search:
         if less.evidence >= new.fitted.evidence - NEEDED:
             self.drop(needless, new, less)
 
+    def clear(self) -> None:
+        """Drop what is hardly needed beside large effects whose laws are only assumed."""
+        if len(self.causes) < 2:
+            return
+        settle(self.space, self.fitted.point)
+        members = [c for c in self.causes if not CAUSES[c].has_elements]
+        found = strengths(self.space, self.fitted, members)
+        for id in sorted(members, key=lambda c: found[c]):
+            kinds = [CAUSES[c] for c in self.causes if c != id and found.get(c, 0.0) > found[id]]
+            if found[id] > WEAK or not any(issubclass(k, Cause) and k.law[0] for k in kinds):
+                continue
+            self.tell(f"refit without {id}")
+            less = refit(self.space, _less(self.fitted.point, id), held=True)
+            if less.evidence > self.fitted.evidence - SHADOW:
+                new = next(s for s in reversed(self.steps) if s.cause != id)
+                self.drop(id, new, less)
+
     def drop(self, id: str, new: Step, less: Fitted) -> None:
         """Take a member out for good; ``less`` is the model without it."""
-        self.barred[id] = f"not needed beside {new.cause}, which does the same"
+        self.barred[id] = f"not needed beside {new.cause}"
         self.steps = [s for s in self.steps if s.cause != id]
-        self.steps[-1] = replace(new, fitted=less)
+        self.steps[-1] = replace(self.steps[-1], fitted=less)
         self.rearranged = True
 
     def detour(self) -> bool:

@@ -76,7 +76,7 @@ class RangeDependence:
     """
 
     on: bool = switch(True)
-    size: float = setting(0.12, "1", "relative fall of the initial slope per 75 V", -0.9, 0.9)
+    size: float = setting(0.075, "1", "relative fall of the initial slope per 75 V", -0.9, 0.9)
     fade: float = setting(20.0, "V", "travel over which the excursion is forgotten", low=1.0)
 
 
