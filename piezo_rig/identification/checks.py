@@ -23,6 +23,7 @@ JUMP = 0.05  # of the travel, from one sample to the next, that the drive does n
 CLEAR = 5.0  # times what all but one in a hundred samples do
 ANSWERS = 0.25  # of what such a drive would move: it was played, and is no spike
 FALLS = -0.5  # correlation of drive and displacement below which the polarity must be wrong
+BACK = 0.25  # of a stretch without motion before a turning point that there is after it
 FLAT_SHARE = 0.04  # of the drive's range may pass while the sensor stands at its extreme
 
 
@@ -61,12 +62,22 @@ def check_numbers(sweep: Sweep) -> None:
                 )
 
 
-def check_signals(sweep: Sweep) -> None:
-    """Raise InputError for a drive or a sensor that tells nothing; names sweep and sample."""
+def check_signals(sweep: Sweep, clipped: bool = False) -> list[str]:
+    """Raise InputError for a drive or a sensor that tells nothing; names sweep and sample.
+
+    ``clipped`` : flat tops are only said, for whoever finds out what cut them off
+    """
     where, drive, displacement = label(sweep), sweep.drive_v, sweep.displacement_um
     _check_drive(where, drive)
-    _check_sensor(where, drive, displacement)
+    said = []
+    try:
+        _check_sensor(where, drive, displacement)
+    except InputError as error:
+        if not clipped or error.code != "sensor-saturated":
+            raise
+        said.append(f"warning: {error.what}")
     _check_polarity(where, sweep, drive, displacement)
+    return said
 
 
 def _check_drive(where: str, drive: FloatArray) -> None:
@@ -109,9 +120,12 @@ def _check_sensor(where: str, drive: FloatArray, displacement: FloatArray) -> No
         if np.count_nonzero(flat) < 6:
             continue
         edges = np.flatnonzero(np.diff(np.concatenate([[0], flat.astype(np.int8), [0]])))
+        only = edges.size == 2
         for a, b in zip(edges[::2], edges[1::2], strict=True):
             moved = _moved(drive[a:b], sigma) if b - a >= 6 else 0.0
-            if moved > span:
+            # nobody knows how a stretch would go on at which a recording ends
+            cut = (only and b == drive.size) or _stays(drive[a:b], sigma)
+            if moved > span and cut:
                 raise InputError(
                     "sensor-saturated",
                     f"{where}: the sensor stands at its {side} value "
@@ -120,6 +134,17 @@ def _check_sensor(where: str, drive: FloatArray, displacement: FloatArray) -> No
                     "the sensor's output or the digitizer's input range is exceeded",
                     "set a larger sensitivity switch or input range and record again",
                 )
+
+
+def _stays(drive: FloatArray, sigma: float) -> bool:
+    """Whether a value that stood still on the way to a turning point also does on the way back.
+
+    What a sensor cuts off begins and ends at one displacement. Where everything slides (a
+    friction damper) the displacement follows again at once when the drive turns.
+    """
+    turn = int(np.argmax(np.abs(drive - drive[0])))
+    before, after = _moved(drive[: turn + 1], sigma), _moved(drive[turn:], sigma)
+    return after > BACK * before
 
 
 def _moved(drive: FloatArray, sigma: float) -> float:
@@ -233,8 +258,7 @@ def _check_polarity(
             f"{where}: the displacement falls while the drive rises "
             f"(correlation {agreement:.2f}), with polarity {sweep.polarity:+d}",
             "the sensor looks at the other side, or the polarity given is the wrong one",
-            f"give --polarity={-sweep.polarity:+d} for sensor volts, "
-            "or change the sign of the displacement column",
+            f"give --polarity={-sweep.polarity:+d}",
         )
 
 

@@ -131,13 +131,14 @@ class Data:
         return float(max(spans))
 
 
-def prepare(sweeps: Sequence[Sweep], first_rises: bool = False) -> Data:
+def prepare(sweeps: Sequence[Sweep], first_rises: bool = False, clipped: bool = False) -> Data:
     """Check sweeps and join them into tracks.
 
     Parameters
     ----------
     first_rises : of sweeps with unknown history that show a first rise from rest, take it for an
         initiation curve (for models that have one of their own)
+    clipped : flat tops of a sensor or a drive are said and kept, not refused
 
     Raises
     ------
@@ -150,9 +151,8 @@ def prepare(sweeps: Sequence[Sweep], first_rises: bool = False) -> Data:
     for sweep in sweeps:
         check_numbers(sweep)
         better, said = without_spikes(sweep)
-        check_signals(better)
         mended.append(better)
-        left_out += said
+        left_out += said + check_signals(better, clipped)
     sweeps = mended
     check_agreement(sweeps)
     chains: list[list[int]] = []

@@ -72,6 +72,18 @@ def test_one_condition_cannot_show_a_law():
     assert e.value.code == "law-not-determined"
 
 
+def test_a_friction_damper_that_slides_is_no_sensor_at_its_limit():
+    drive = np.concatenate([[0.0], *(np.linspace(a, b, 101)[1:] for a, b in
+                                     ((0, 10), (10, -10), (-10, 10), (10, -10)))])  # fmt: skip
+    force, y = 0.0, []
+    for step in np.diff(drive, prepend=0.0):
+        force = float(np.clip(force + 0.6 * step, -3.0, 3.0))
+        y.append(force)
+    noise = 1e-3 * np.random.default_rng(0).standard_normal(drive.size)
+    assert identify([sweep(drive, np.array(y))], "classical").fitted.max_percent < 2.0
+    assert identify([sweep(drive, np.array(y) + noise)], "classical").fitted.max_percent < 2.0
+
+
 def test_names_are_checked():
     for arguments in ({"model": "magic"}, {"scheme": "magic"}, {"elements": 0}):
         with pytest.raises(InputError):

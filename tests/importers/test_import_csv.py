@@ -32,11 +32,19 @@ def test_drive_and_displacement_are_taken_as_they_are(tmp_path: Path) -> None:
 def test_options_that_cannot_apply_are_said_to_be_ignored(tmp_path: Path) -> None:
     path = write(tmp_path / "loop.csv", csv_text(DRIVE, [*triangle(50)]))
     imported = read(
-        path, polarity=-1, sensitivity="3", gain=2.0, explicit=frozenset({"gain"})
+        path, offset_v=5.0, sensitivity="3", gain=2.0, explicit=frozenset({"gain"})
     )
     assert imported.sweeps[0].gain == 1
-    assert imported.sweeps[0].polarity == 1
+    assert imported.sweeps[0].offset_v == 0
     assert len([w for w in imported.warnings if "ignored" in w]) == 2
+
+
+def test_a_sensor_on_the_other_side_is_turned_round_where_that_is_said(tmp_path: Path) -> None:
+    path = write(tmp_path / "loop.csv", csv_text(DRIVE, [*triangle(50)]))
+    as_it_is = read(path).sweeps[0].displacement_um
+    turned = read(path, polarity=-1, explicit=frozenset({"polarity"}))
+    np.testing.assert_array_equal(turned.sweeps[0].displacement_um, -as_it_is)
+    assert any("turned" in note for note in turned.assumptions)
 
 
 def test_command_and_sensor_need_gain_offset_and_sensitivity(tmp_path: Path) -> None:

@@ -235,16 +235,11 @@ def _calibrate(
     if trace.monitor is not None:
         told.add(path, ["the drive monitor is volts on the actuator and taken as it is"])
     if trace.is_displacement:
-        names = ("sensitivity", "polarity")
-        ignored = [name for name in names if options.given(name)]
-        if ignored:
-            warned.add(
-                path,
-                [
-                    f"the {' and '.join(ignored)} given was ignored: displacement_um is taken "
-                    "as it is"
-                ],
-            )
+        if options.given("sensitivity"):
+            warned.add(path, ["the sensitivity given was ignored: displacement_um is micrometres"])
+        if options.given("polarity") and options.polarity == -1:
+            told.add(path, ["displacement_um is micrometres, its sign turned by --polarity -1"])
+            return replace(calibration, polarity=-1)
         told.add(path, ["displacement_um is micrometres and taken as it is"])
         return calibration
     if trace.sensor is None:
