@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from piezo_rig.chain import Model
+from piezo_rig.chain import Model, Signal
 from piezo_rig.diagnosis import basis, dictionary
 from piezo_rig.diagnosis.dictionary import Scales
 from piezo_rig.diagnosis.fit import Point
@@ -165,10 +165,11 @@ class Space:
             self._bands = {k: v for k, v in self._bands.items() if k[0] != old}
         self.fixed = []
         for index, group in enumerate(self.groups.groups):
-            plays = dictionary.fine(group, self.scales, self.first_rise)
+            driven = _driven(group, model)
+            plays = dictionary.fine(driven, self.scales, self.first_rise)
             columns = np.concatenate(
                 [
-                    dictionary.powers(group, self.scales),
+                    dictionary.powers(driven, self.scales),
                     dictionary.smooth(plays, self.scales, self.first_rise),
                     plays,
                 ]
@@ -357,6 +358,15 @@ class Space:
 def _rounded(value: float) -> float:
     """On a scale of steps of a tenth: the columns hardly differ within one."""
     return float(np.sign(value) * np.round(np.log(max(abs(value), 1e-12)) / np.log(1.1)))
+
+
+def _driven(group: Group, model: Model) -> Group:
+    """The group with the drive as a model's amplifier delivers it."""
+    stages = [s for s in model.stages if s.place == "drive" and s.locked_to == "drive"]
+    signal = Signal(group.time_s, group.drive_v, np.zeros(0))
+    for stage in stages:
+        signal = stage.act(signal)
+    return replace(group, drive_v=np.ascontiguousarray(signal.drive_v)) if stages else group
 
 
 def _no_bands(samples: int, fixed: int) -> Bands:
