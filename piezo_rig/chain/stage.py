@@ -105,7 +105,7 @@ class Stage:
         if self.passes:
             return changes
         plain, out = self.act(signal).displacement_um, np.empty_like(changes)
-        size = 1e-3 * float(np.ptp(signal.displacement_um))
+        size = 1e-3 * max(float(np.ptp(signal.displacement_um)), 1e-9)
         for k, change in enumerate(changes):
             step = size / max(float(np.ptp(change)), 1e-30)
             moved = signal.with_(displacement_um=signal.displacement_um + step * change)

@@ -39,6 +39,7 @@ FURTHER, FURTHER_BY = 4, 1.4
 WEAK, SHADOW = 10.0, 15.0  # d' and log-likelihood that leave an effect in doubt beside such laws
 OFF = 2.0  # an effect must be so many times what a law may be off by
 FORMS, WIDER = (0.0, 1.0), 1.5  # tapers of a law; step over its reach
+FADES = 4.0  # log-likelihood by which a law that fades out must be better
 ROUNDS, DETOURS, FEW = 2, 2, 3
 RIVAL = 0.4  # score of a rival, of the member's own
 FAR_OFF, HELPS = 2.0, 0.995  # so many times the noise; held-out error after a step, of that before
@@ -266,8 +267,8 @@ class _Search:
             fitted = refit(self.space, point, held=True)
             if fitted.evidence > here.evidence + LARGE:
                 fitted = self.further(fitted, candidate.id)
-        except InputError:  # it cannot even be played at the size that the data ask for
-            fitted = None
+        except (InputError, np.linalg.LinAlgError):
+            fitted = None  # at the size that the data ask for it cannot even be played
         if fitted is None or _does_nothing(fitted.point, candidate.id) or (
             _needless(fitted, [candidate.id]) is not None
         ):  # fmt: skip
@@ -311,10 +312,13 @@ class _Search:
         return refit(self.space, likeliest.point, steps=2, held=True)
 
     def wider(self, fitted: Fitted, id: str) -> Fitted:
-        """The best of a law's forms, each followed over its reach in large steps."""
+        """The best of a law's forms, each followed over its reach in large steps.
+
+        The thesis's law ends where an element gives way; one that fades out must say more.
+        """
         start = fitted.point.model.stage(id)
         assert start is not None
-        best = fitted
+        best, most = fitted, -np.inf
         for form in FORMS:
             here = fitted
             if start["taper"] != form:
@@ -327,8 +331,9 @@ class _Search:
                     if there.evidence <= here.evidence:
                         break
                     here = there
-            if here.evidence > best.evidence:
-                best = here
+            worth = here.evidence - (FADES if form else 0.0)
+            if worth > most:
+                best, most = here, worth
         return best
 
     def at(self, fitted: Fitted, id: str, **values: float) -> Fitted:

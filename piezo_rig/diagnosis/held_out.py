@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import stats
 
 from piezo_rig.diagnosis.fit import Point
 from piezo_rig.diagnosis.groups import Groups
@@ -196,6 +197,8 @@ def gain(before: Errors, after: Errors, rng: np.random.Generator) -> tuple[float
         ratio = after.square[pick].sum() / max(before.square[pick].sum(), 1e-300)
         drawn[k] = 100.0 * (1.0 - np.sqrt(ratio))
     inflate = np.sqrt(2.0)
+    freedom = sum(m.size - 1 for m in members) if repeated else len(members) - 1
+    inflate *= stats.t.ppf(0.975, max(freedom, 2)) / stats.norm.ppf(0.975)
     if repeated:
         inflate *= np.sqrt(np.mean([m.size / (m.size - 1.0) for m in members]))
     low, high = np.percentile(drawn, [2.5, 97.5])
