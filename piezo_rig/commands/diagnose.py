@@ -13,7 +13,10 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 HELP = "name what the model gets wrong, and why"
-IN_FOLDER = {"json": ".json", "save_model": "_extended.json", "figure": "_ladder.png"}
+IN_FOLDER = {
+    "json": ".json", "save_model": "_extended.json", "figure": "_ladder.png",
+    "report": "_report.html",
+}  # fmt: skip
 FIGURES = (".png", ".svg", ".pdf")
 
 
@@ -28,6 +31,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="a NAME is refitted to the data, a MODEL.json is held fixed; classical",
     )
     parser.add_argument("--json", metavar="OUT", help="write the diagnosis as JSON")
+    parser.add_argument(
+        "--report", metavar="OUT.html", help="write one page that explains all of it"
+    )
     parser.add_argument("--save-model", metavar="OUT.json", help="write the extended model")
     parser.add_argument("--figure", metavar="OUT.png", help="draw the ladder of errors")
     parser.add_argument("--seed", type=int, default=0, help="of the simulated nulls")
@@ -42,6 +48,7 @@ def execute(args: argparse.Namespace) -> int:
     from piezo_rig.diagnosis import diagnose, document, text
     from piezo_rig.identification import save_model
     from piezo_rig.report.ladder import ladder_figure
+    from piezo_rig.report.page import report_page
     from piezo_rig.resources import find
 
     outputs = _outputs(args)
@@ -67,9 +74,11 @@ def execute(args: argparse.Namespace) -> int:
             "software": f"piezo-rig {__version__}",
         })  # fmt: skip
         print(f"model: {save_model(model, outputs['save_model'])}")
+    more = f" and {len(args.data) - 1} more" if len(args.data) > 1 else ""
+    title = f"{Path(args.data[0]).stem}{more}"
+    if "report" in outputs:
+        print(f"report: {report_page(outputs['report'], title, found, args.data, hashes)}")
     if "figure" in outputs:
-        more = f" and {len(args.data) - 1} more" if len(args.data) > 1 else ""
-        title = f"{Path(args.data[0]).stem}{more}"
         print(f"figure: {ladder_figure(outputs['figure'], title, found)}")
     return 0
 

@@ -42,7 +42,7 @@ FORMS, WIDER = (0.0, 1.0), 1.5  # tapers of a law; step over its reach
 FADES = 4.0  # log-likelihood by which a law that fades out must be better
 ROUNDS, DETOURS, FEW = 2, 2, 3
 RIVAL = 0.4  # score of a rival, of the member's own
-FAR_OFF, HELPS = 2.0, 0.995  # so many times the noise; held-out error after a step, of that before
+FAR_OFF, HELPS = 2.0, 0.97  # so many times the noise; held-out error after a step, of that before
 OF_THE_MISFIT = (
     "fits, but predicts data that it has not seen no better, while the model is still far off"
 )

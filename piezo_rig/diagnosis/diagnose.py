@@ -16,25 +16,24 @@ from piezo_rig.diagnosis import engine
 from piezo_rig.diagnosis.checks import baseline_warnings, data_warnings
 from piezo_rig.diagnosis.climb import BEND, Ladder, climb
 from piezo_rig.diagnosis.confusion import confusion
+from piezo_rig.diagnosis.early import TRIED, clean_up, find_line, noise_floor_nm
+from piezo_rig.diagnosis.first_spring import offset_of, with_offset
 from piezo_rig.diagnosis.fit import Point, starting_model
 from piezo_rig.diagnosis.follow_up import FollowUp, follow_up
 from piezo_rig.diagnosis.groups import Groups, group_tracks
 from piezo_rig.diagnosis.held_out import Errors, gain, held_out_errors, refold, reported_kind
-from piezo_rig.diagnosis.hum import find_hum, removed
-from piezo_rig.diagnosis.lines import find_line
+from piezo_rig.diagnosis.isolability import Workings
 from piezo_rig.diagnosis.refit import Fitted, refit, settle
 from piezo_rig.diagnosis.scan import LEVEL
 from piezo_rig.diagnosis.space import Space
-from piezo_rig.diagnosis.spikes import find_spikes, noise_floor_nm
 from piezo_rig.diagnosis.unexplained import Unexplained, unexplained, with_line
 from piezo_rig.identification import prepare
 from piezo_rig.run_file.sweep import Sweep
 
 Tell = Callable[[str], None]
-WORSE, AWAY = 1.03, 3.0  # by which an extension may raise held-out errors
-JOINTLY = 6  # turns of fitting base and hum
+WORSE, AWAY = 1.01, 3.0  # by which an extension may raise held-out errors
 SHARE = 0.2  # of the false alarms that a search of the raw recordings may take
-EVENTS = ("outliers",)  # nothing foretells them: no gain
+EVENTS = ("outliers", "fringe-jump", "dropped-samples")  # nothing foretells them: no gain
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,6 +80,7 @@ class Diagnosis:
     notes: list[str] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
     refused: dict[str, str] = field(default_factory=dict)
+    workings: Workings | None = None  # for a report
 
 
 def diagnose(
@@ -103,7 +103,7 @@ def diagnose(
     """
     tell = tell or (lambda text: None)
     rng = np.random.default_rng(seed)
-    data = prepare(sweeps, first_rises=True)
+    data = prepare(sweeps, first_rises=True, clipped=True)
     raw = group_tracks(data, sweeps)
     notes = list(data.left_out)
     warnings = data_warnings(raw, sweeps)
@@ -112,28 +112,19 @@ def diagnose(
     flat = _plain_space(raw, point.model)
     start = refit(flat, point)
     warnings += baseline_warnings(raw, start)
-    tell("outliers and hum")
-    spikes = find_spikes(raw, start.point.model)
-    early: list[Finding] = []
-    stages: list[tuple[str, Groups]] = []
-    tried = 2
-    count = tried + sum(1 for k in CAUSES.values() if issubclass(k, Cause)) - 2
+    tell("outliers, jumps, lost samples and hum")
+    tried = len(TRIED)
+    count = sum(1 for k in CAUSES.values() if issubclass(k, Cause))
+    found_early, point = clean_up(
+        raw, sweeps, start.point, lambda groups, p: refit(_plain_space(groups, p.model), p).point,
+        SHARE * LEVEL, count,
+    )  # fmt: skip
+    early = [_early(f.cause, f.p_value, f.parameters) for f in found_early]
+    stages = [(f.cause, f.groups) for f in found_early]
     clean = raw
-    if spikes.p_value * count < SHARE * LEVEL:
-        clean = spikes.groups
-        stages.append(("outliers", clean))
-        early.append(_early("outliers", spikes.p_value * count, spikes.stage().parameters))
-        start = refit(_plain_space(clean, start.point.model), start.point)
-    hum = find_hum(clean, start.point.model)
-    if hum is not None and hum.p_value * count < SHARE * LEVEL:
-        noisy = clean
-        for _ in range(JOINTLY):  # what the base model took of it is given back
-            clean = hum.groups
-            start = refit(_plain_space(clean, start.point.model), start.point)
-            hum = removed(noisy, start.point.model, hum.frequency, hum.p_value)
-        clean = hum.groups
-        stages.append(("mains-hum", clean))
-        early.append(_early("mains-hum", hum.p_value * count, hum.stage().parameters))
+    if stages:
+        clean = stages[-1][1]
+        start = refit(_plain_space(clean, point.model), point)
     tell("noise")
     spectrum = engine.repeat_spectrum(clean)
     if spectrum is None:
@@ -210,6 +201,7 @@ def diagnose(
         model, [*([ladder.first.point.model] * (1 + len(stages))),
                 *(s.fitted.point.model for s in ladder.steps)],
         notes, warnings, refused,
+        Workings((raw, *(g for _, g in stages), *(clean for _ in ladder.steps)), space, last),
     )  # fmt: skip
 
 
@@ -281,7 +273,11 @@ def parameters_of(fitted: Fitted, cause: str, model: Model) -> dict[str, Paramet
         for b, other in enumerate(order):
             if name in index and other in index:
                 covariance[a, b] = fitted.covariance[index[name], index[other]]
-    return stage.reported(covariance)
+    said = stage.reported(covariance)
+    begun = fitted.point.model.stage(cause)
+    if isinstance(begun, FirstSpring) and not fitted.point.fixed:
+        said["offset"] = offset_of(fitted, begun)
+    return said
 
 
 def final_model(fitted: Fitted, name: str) -> Model:
@@ -305,32 +301,8 @@ def final_model(fitted: Fitted, name: str) -> Model:
             )
     for stage in model.stages:
         if isinstance(stage, FirstSpring) and not fitted.point.fixed:
-            model = _with_offset(model, stage)
+            model = with_offset(fitted, model, stage)
     return model.with_(name=f"{name} extended")
-
-
-def _with_offset(model: Model, stage: FirstSpring) -> Model:
-    """The same model, the first spring's constant part moved from the table to its law.
-
-    That part is by how much the later branch is steeper up to the law's reach than on the same
-    stretch after it. Without elements of its own for the first rise the table stays: the first
-    rise follows it as well.
-    """
-    table = model.maxwell.elements
-    assert table is not None
-    reach = stage.parameters["reach"].value if "reach" in stage.parameters else (
-        2.0 * float(table.slides_at_um[0])
-    )  # fmt: skip
-    spring = table.steeper_by(0.5 * reach)
-    law = type(stage)(stage.parameters | {
-        "offset": Parameter(stage["offset"] + spring, stage.units["offset"])
-    })  # fmt: skip
-    if not any(s.has_elements and s.id != "maxwell" for s in model.stages):
-        return model
-    moved = type(model.maxwell).of(table.with_spring(-spring, 0.5 * reach))
-    return model.with_(stages=tuple(
-        moved if s.id == "maxwell" else law if s.id == stage.id else s for s in model.stages
-    ))  # fmt: skip
 
 
 def recording_offsets(

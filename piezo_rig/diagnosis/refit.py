@@ -59,16 +59,25 @@ def element_step(
     values = point.values()
     right = raw[:n, -1] - raw[:n, n:-1] @ moved
     rows = smoothness(point)[:, :n]
-    count = linear.count.sum() if pieces is None else linear.count[list(pieces)].sum()
-    left = raw[-1, -1] / max(count, 1.0)
-    mean = float(np.mean(np.abs(values[: point.compliances])))
-    # compliances that the data do not know follow their neighbours; noise sets how softly
-    weight = max(left, 1e-12 * values[:n] @ values[:n]) * TOGETHER / (BEND * mean) ** 2
-    weight = min(weight, 1e3 * float(np.mean(np.diag(raw)[:n])))
+    weight = smooth_weight(point, linear, pieces)
     gram = raw[:n, :n] + weight * rows.T @ rows
     gram += 1e-12 * np.diag(np.diag(gram)) + 1e-300 * np.eye(n)
     right = right - weight * rows.T @ (rows @ values[:n])
     return np.asarray(np.linalg.solve(gram, right))
+
+
+def smooth_weight(point: Point, linear: Linear, pieces: Sequence[int] | None = None) -> float:
+    """How strongly compliances that the data do not know follow their neighbours.
+
+    The noise that is left sets how softly.
+    """
+    raw = (linear.raw if pieces is None else linear.raw[list(pieces)]).sum(axis=0)
+    values, n = point.values(), point.linear
+    count = linear.count.sum() if pieces is None else linear.count[list(pieces)].sum()
+    left = raw[-1, -1] / max(count, 1.0)
+    mean = float(np.mean(np.abs(values[: point.compliances])))
+    weight = max(left, 1e-12 * values[:n] @ values[:n]) * TOGETHER / (BEND * mean) ** 2
+    return float(min(weight, 1e3 * float(np.mean(np.diag(raw)[:n]))))
 
 
 def parameter_step(

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from piezo_rig.diagnosis import dictionary
+from piezo_rig.diagnosis.early.lines import Line
 from piezo_rig.diagnosis.likelihood import Likelihood, Reduced, reduce
-from piezo_rig.diagnosis.lines import Line
 from piezo_rig.diagnosis.refit import Fitted, covariance_of
 from piezo_rig.diagnosis.scan import LEVEL
 from piezo_rig.diagnosis.space import Linear, Space

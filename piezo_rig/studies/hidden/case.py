@@ -12,14 +12,15 @@ from numpy.typing import NDArray
 from piezo_rig.run_file.sweep import Sweep
 from piezo_rig.studies.hidden.body import Body, random_body
 from piezo_rig.studies.hidden.effects import EFFECTS, Effect
+from piezo_rig.studies.hidden.events import EVENTS
 from piezo_rig.studies.hidden.noise import Noise, noise_of
 from piezo_rig.studies.hidden.oracle import Oracle, base_columns, size_for
 from piezo_rig.studies.hidden.protocols import Condition, conditions_of, unseen_drive
+from piezo_rig.studies.hidden.session import Session
 from piezo_rig.studies.hidden.strangers import STRANGERS
 
 FloatArray = NDArray[np.float64]
-KINDS = ("null", *EFFECTS, "stranger", *STRANGERS, "pair")
-REST_S = (55.0, 65.0)  # between recordings
+KINDS = ("null", *EFFECTS, *EVENTS, "stranger", *STRANGERS, "pair")
 SENSITIVITY = 15.48
 
 
@@ -89,12 +90,13 @@ class Case:
 
     def known_um(self) -> list[FloatArray]:
         """What the effects changed in each of ``sweeps``, um."""
-        session = Session.drawn(self, self._first)
+        session = _session(self, self._first)
         bare = [locked(self.body, (), c.time_s, c.drive_v) for c in self.conditions]
         out = []
         for k in range(len(self.sweeps)):
             i = k % len(self.conditions)
-            out.append(self.clean_um[i] - bare[i] + session.added(k, self.conditions[i]))
+            clean = self.clean_um[i]
+            out.append(clean - bare[i] + session.added(k, self.conditions[i], clean))
         return out
 
     def bare(self) -> list[Sweep]:
@@ -104,6 +106,15 @@ class Case:
             volts = sweep.sensor_v + known / SENSITIVITY
             out.append(sweep.with_(sensor_v=volts, zero_v=float(volts[0])))
         return out
+
+    def happened(self) -> list[tuple[int, str, int, int]]:
+        """Every event in ``sweeps``: which of them, cause, index, count."""
+        session = _session(self, self._first)
+        return [
+            (k, *place)
+            for k, sweep in enumerate(self.sweeps)
+            for place in session.places(k, sweep.samples)
+        ]
 
     def best_unseen_um(self, seed: int = 0) -> FloatArray:
         """What the oracle predicts of the unseen drive: it knows the effects, not the body."""
@@ -140,46 +151,17 @@ def locked(
     return x
 
 
-@dataclass(frozen=True, eq=False)
-class Session:
-    """One sitting at the bench: when everything was recorded, and its phases."""
-
-    effects: tuple[Effect, ...]
-    starts_s: FloatArray
-    events: int
-
-    @classmethod
-    def drawn(cls, case: Case, rng: np.random.Generator) -> Session:
-        return cls.of(case.conditions, case.repeats, case.effects, rng)
-
-    @classmethod
-    def of(
-        cls, conditions: tuple[Condition, ...], repeats: int, effects: tuple[Effect, ...],
-        rng: np.random.Generator,
-    ) -> Session:  # fmt: skip
-        seconds = np.array([c.drive_v.size / c.rate for c in conditions] * repeats)
-        waits = rng.uniform(*REST_S, seconds.size)
-        starts = np.cumsum(waits) + np.append(0.0, np.cumsum(seconds[:-1]))
-        events = int(rng.integers(2**31))
-        return cls(tuple(e.session(rng) for e in effects), starts, events)
-
-    def added(self, recording: int, condition: Condition) -> FloatArray:
-        """What is locked to the clock in one recording, um."""
-        out = np.zeros(condition.drive_v.size)
-        clock = self.starts_s[recording] + condition.time_s
-        for i, e in enumerate(self.effects):
-            more = e.on_clock(clock, np.random.default_rng([self.events, recording, i]))
-            if more is not None:
-                out = out + more
-        return out
+def _session(case: Case, rng: np.random.Generator) -> Session:
+    return Session.of(case.conditions, case.repeats, case.effects, rng)
 
 
 def _recorded(case: Case, rng: np.random.Generator) -> list[Sweep]:
-    session = Session.drawn(case, rng)
+    session = _session(case, rng)
     out = []
     for k, start in enumerate(session.starts_s):
         c = case.conditions[k % len(case.conditions)]
-        x = case.clean_um[k % len(case.conditions)] + session.added(k, c)
+        x = case.clean_um[k % len(case.conditions)]
+        x = x + session.added(k, c, x)
         x = x + case.noise.drawn(x.size, rng)
         volts = -x / SENSITIVITY
         out.append(Sweep(
@@ -193,7 +175,7 @@ def _recorded(case: Case, rng: np.random.Generator) -> list[Sweep]:
 
 
 def _chosen(kind: str, rng: np.random.Generator) -> list[type[Effect]]:
-    every: dict[str, type[Effect]] = {**EFFECTS, **STRANGERS}
+    every: dict[str, type[Effect]] = {**EFFECTS, **EVENTS, **STRANGERS}
     if kind == "null":
         return []
     if kind == "stranger":
@@ -256,7 +238,7 @@ def draw(
             session = Session.of(conditions, repeats, sized, np.random.default_rng([whole, 6]))
             if e.clock_locked:
                 return oracle.d_prime(
-                    [session.added(k, conditions[k % len(conditions)])
+                    [session.added(k, conditions[k % len(conditions)], bare[k % len(conditions)])
                      for k in range(len(session.starts_s))]
                 )  # fmt: skip
             moved = [locked(body, sized, c.time_s, c.drive_v) - x

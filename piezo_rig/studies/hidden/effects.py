@@ -80,6 +80,10 @@ class Effect:
         """What the sensor adds at these seconds of the session, um, or None."""
         return None
 
+    def kept(self, n: int, rng: np.random.Generator) -> NDArray[np.int64] | None:
+        """Which samples of the digitizer's clock make a recording of n, or None for all."""
+        return None
+
 
 def _sign(rng: np.random.Generator) -> float:
     return float(rng.choice([-1.0, 1.0]))

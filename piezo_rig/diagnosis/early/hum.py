@@ -24,6 +24,7 @@ OFF_HZ = np.linspace(-0.2, 0.2, 5)
 AROUND = np.concatenate([-np.arange(4, 14), np.arange(4, 14)])  # resolution cells of the background
 INDEPENDENT = 10.8  # of the 20 cells of a Hann-windowed background
 PADDED = 8
+LASTING = 0.1  # of a recording
 LONG_S = 0.3  # a recording must last this long
 
 
@@ -62,7 +63,7 @@ class Row:
     time_s: FloatArray  # of the shared clock
     values: FloatArray
     share: float  # of a single recording's noise power that is left in the values
-    comb_hz: float  # of the drive
+    combs_hz: tuple[float, ...]  # of the drive
 
     @cached_property
     def _spectrum(self) -> tuple[float, FloatArray]:
@@ -120,13 +121,22 @@ def rows_of(groups: Groups, model: Model) -> list[Row]:
         reference = g.measured_um.mean(axis=0) if repeated else g.predicted(model)
         share = (g.repeats - 1) / g.repeats if repeated else 1.0
         for start, row in zip(g.starts_s, g.measured_um, strict=True):
-            out.append(Row(g.time_s + start, row - reference, share, _comb(g)))
+            out.append(Row(g.time_s + start, row - reference, share, _combs(g)))
     return out
 
 
-def _comb(group: Group) -> float:
+def _combs(group: Group) -> tuple[float, ...]:
+    """Frequencies at which the drive repeats itself for a good part of the recording."""
     seconds = np.diff(group.time_s[group.loops.start])
-    return 0.5 / float(np.median(seconds)) if seconds.size else 0.0
+    if not seconds.size:
+        return ()
+    steps = np.rint(np.log(seconds) / 0.05)
+    found = []
+    for step in np.unique(steps):
+        here = seconds[steps == step]
+        if here.sum() > LASTING * seconds.sum():
+            found.append(0.5 / float(np.median(here)))
+    return tuple(found) or (0.5 / float(np.median(seconds)),)
 
 
 def _line(rows: list[Row], f: float) -> tuple[float, float]:
@@ -139,9 +149,10 @@ def _line(rows: list[Row], f: float) -> tuple[float, float]:
     for row in rows:
         cell = 1.0 / float(row.time_s[-1] - row.time_s[0])
         level = float(np.mean(row.power(f + AROUND * cell)))
-        if row.share == 1.0 and row.comb_hz > 2.0 * cell:
-            comb = row.power(f + np.array([-4, -2, 2, 4]) * row.comb_hz)
-            level = max(level, 2.0 * float(np.max(comb)))
+        for comb in row.combs_hz:
+            if row.share == 1.0 and comb > 2.0 * cell:
+                beside = row.power(np.abs(f + np.array([-4, -2, 2, 4]) * comb))
+                level = max(level, 2.0 * float(np.max(beside)))
         ratio = float(row.power(f)) / max(level, 1e-300)
         score += row.share * INDEPENDENT * float(np.log1p(ratio / INDEPENDENT))
         share += row.share
@@ -168,7 +179,7 @@ def removed(groups: Groups, model: Model, f: float, p: float) -> Hum:
             power = float(shares[0] ** 2 + shares[1] ** 2)
             cell = 1.0 / float(g.time_s[-1] - g.time_s[0])
             longest = max(longest, 1.0 / cell)
-            around = Row(g.time_s, row - reference, 1.0, 0.0).power(f + AROUND * cell)
+            around = Row(g.time_s, row - reference, 1.0, ()).power(f + AROUND * cell)
             noise = float(np.mean(around)) / 1.5  # a Hann window widens the band by 3/2
             powers.append(power - noise)
             errors.append(noise)

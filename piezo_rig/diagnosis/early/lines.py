@@ -12,8 +12,8 @@ import numpy as np
 from scipy import stats
 
 from piezo_rig.chain import Model
+from piezo_rig.diagnosis.early.hum import AROUND, INDEPENDENT, rows_of
 from piezo_rig.diagnosis.groups import Groups
-from piezo_rig.diagnosis.hum import AROUND, INDEPENDENT, rows_of
 
 CELLS = 18.0  # resolution cells: slower than that a line is drift or creep
 

@@ -14,6 +14,9 @@ from piezo_rig.diagnosis.groups import Groups
 
 FloatArray = NDArray[np.float64]
 FAR = 8.0  # robust standard deviations
+SHARP = 0.5  # of a spike's height between neighbouring samples, on both sides
+BACK = 0.35  # of its height that a spike may leave behind
+NEAR = 41  # samples whose scatter a spike must stand out of
 LONGEST = 5  # samples; what lasts longer is no spike
 MOST = 0.02  # of all samples
 SMALLEST = 1e-5  # of the travel
@@ -64,13 +67,26 @@ def _marks(residual: FloatArray, travel_um: float) -> NDArray[np.bool_]:
     sigma = 1.4826 * float(np.median(np.abs(off)))
     # heavy tails and slow noise must not pass for spikes
     spread = (np.percentile(off, 99) - np.percentile(off, 1)) / 4.65
-    mark = np.abs(off) > FAR * max(sigma, float(spread), SMALLEST * travel_um)
+    # nor must a stretch that the model does badly, where each step of the drive shows
+    local = 1.4826 * ndimage.median_filter(np.abs(off), NEAR, mode="nearest")
+    mark = np.abs(off) > FAR * np.maximum(local, max(sigma, float(spread), SMALLEST * travel_um))
     mark[:2] = mark[-2:] = False
     edges = np.flatnonzero(np.diff(np.concatenate([[0], mark.astype(np.int8), [0]])))
     for a, b in zip(edges[::2], edges[1::2], strict=True):
-        if b - a > LONGEST:
+        if b - a > LONGEST or not _sharp(residual, off, int(a), int(b)):
             mark[a:b] = False
     return mark if mark.mean() < MOST else np.zeros_like(mark)
+
+
+def _sharp(residual: FloatArray, off: FloatArray, a: int, b: int) -> bool:
+    """Whether samples a..b - 1 leave their neighbours and come back at once, as no model's error.
+
+    A break point that a model has in the wrong place makes a hump of some samples.
+    """
+    height = float(np.max(np.abs(off[a:b])))
+    steps = abs(residual[a] - residual[a - 1]), abs(residual[b] - residual[b - 1])
+    back = abs(residual[b] - residual[a - 1])
+    return bool(min(steps) > SHARP * height and back < BACK * height)
 
 
 def _alone(rows: FloatArray, k: int) -> NDArray[np.bool_]:

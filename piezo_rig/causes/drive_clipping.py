@@ -1,0 +1,58 @@
+"""Drive clipping: the amplifier saturates inside the commanded range.
+
+Physics: a supply that sags, a voltage limit that was set too low, an offset that is off: the drive
+stays at the limit while the command goes on, and comes back with it.
+
+Shows as: a flat displacement (but for creep) where the command is beyond the limit. The
+hysteresis starts back from the limit: behind the flat stretch the displacement falls as after any
+turning point, steeply or not by its history. A clipped sensor hides a motion that went on; where
+it lets go, the actuator is long on its way back.
+
+Plausible: the last few volts of the range.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import ClassVar
+
+import numpy as np
+
+from piezo_rig.causes.cause import Cause, Context, FloatArray
+from piezo_rig.chain.stage import Parameter, Signal, Stage
+
+NEVER_V = 1000.0  # no piezo amplifier of this kind goes there
+SHARES = (0.003, 0.006, 0.012, 0.02, 0.03, 0.05, 0.08, 0.12, 0.17, 0.24, 0.32)  # cut off
+
+
+class DriveClipping(Cause):
+    """``lower`` and ``upper`` limit; one that nothing reaches stands far away."""
+
+    id = "drive-clipping"
+    place = "drive"
+    units: ClassVar[Mapping[str, str]] = {"lower": "V", "upper": "V"}
+    neutral: ClassVar[Mapping[str, float]] = {"lower": -NEVER_V, "upper": NEVER_V}
+    limits: ClassVar[Mapping[str, tuple[float, float]]] = {
+        "lower": (-1.001 * NEVER_V, NEVER_V), "upper": (-NEVER_V, 1.001 * NEVER_V),
+    }
+    sharp: ClassVar[Mapping[str, float]] = {"lower": NEVER_V, "upper": NEVER_V}
+
+    def act(self, signal: Signal) -> Signal:
+        return signal.with_(drive_v=np.clip(signal.drive_v, self["lower"], self["upper"]))
+
+    @classmethod
+    def variants(cls, context: Context) -> list[list[Stage]]:
+        low, high = 0.0, context.span_v
+        return [
+            [cls.of(None, lower=-NEVER_V, upper=high - share * context.span_v)] for share in SHARES
+        ] + [
+            [cls.of(None, lower=low + share * context.span_v, upper=NEVER_V)] for share in SHARES
+        ]
+
+    @classmethod
+    def begun(cls, trials: Sequence[Stage], shares: FloatArray) -> Stage:
+        return trials[0]
+
+    def reported(self, covariance: FloatArray) -> dict[str, Parameter]:
+        every = super().reported(covariance)
+        return {n: p for n, p in every.items() if abs(p.value) < NEVER_V}

@@ -1,0 +1,53 @@
+"""Sensor clipping: the interferometer's analog output, or the digitizer's input, saturates.
+
+Physics: the output ends at its supply; with the sensitivity switch set too fine the displacement
+runs out of it.
+
+Shows as: flat tops at one level in every sweep that reaches it, without creep and without a
+memory: the actuator goes on, and where the record comes back the motion is what it would have
+been. A clipped drive stops the actuator itself.
+
+Plausible: any level inside the travel; at the finest switch positions the first micrometres.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import ClassVar
+
+import numpy as np
+
+from piezo_rig.causes.cause import Cause, Context, FloatArray
+from piezo_rig.chain.stage import Signal, Stage
+
+SHARES = (0.9995, 0.999, 0.998, 0.996, 0.993, 0.988, 0.98, 0.965)  # of the travel that is seen
+
+
+class SensorClipping(Cause):
+    """``level`` above the sweep's zero at which it ends; a negative one ends it from below."""
+
+    id = "sensor-clipping"
+    place = "sensor"
+    units: ClassVar[Mapping[str, str]] = {"level": "um"}
+    limits: ClassVar[Mapping[str, tuple[float, float]]] = {"level": (-1e4, 1e4)}
+    sharp: ClassVar[Mapping[str, float]] = {"level": 3000.0}
+
+    def act(self, signal: Signal) -> Signal:
+        if not signal.displacement_um.size:
+            return signal
+        zero, level = signal.displacement_um[0], self["level"]
+        within = np.minimum if level > 0 else np.maximum
+        return signal.with_(displacement_um=within(signal.displacement_um, zero + level))
+
+    def carry(self, signal: Signal, changes: FloatArray) -> FloatArray:
+        zero, level = signal.displacement_um[0], self["level"]
+        off = (signal.displacement_um - zero - level) * np.sign(level)
+        return np.asarray(changes * (off < 0.0))
+
+    @classmethod
+    def variants(cls, context: Context) -> list[list[Stage]]:
+        return [[cls.of(None, level=share * context.travel_um)] for share in SHARES]
+
+    @classmethod
+    def begun(cls, trials: Sequence[Stage], shares: FloatArray) -> Stage:
+        return trials[0]

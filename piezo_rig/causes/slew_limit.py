@@ -1,0 +1,66 @@
+"""Slew limit: the amplifier's current bounds how fast the drive can change.
+
+Physics: an amplifier that can deliver a current I charges the capacitance C of the stack at I / C
+at most; 150 mA into 1.5 uF are 100 V/ms, small bench amplifiers have a tenth of that and less.
+
+Shows as: nothing at all as long as the command is slower. Beyond, the drive falls behind by more
+and more until the command comes back to it: turning points come late and are cut off. Only the
+fast conditions show it, and those of a smaller range at the same frequency do not.
+
+Plausible: 50 V/s to 100 kV/s.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from functools import cache
+from typing import ClassVar
+
+import numpy as np
+
+from piezo_rig.causes.cause import Cause, Context, FloatArray
+from piezo_rig.chain.stage import Signal, Stage
+
+SHARES = (0.99, 0.97, 0.94, 0.9, 0.85, 0.78, 0.7, 0.6, 0.5, 0.4, 0.3)  # of the fastest half loop
+
+
+@cache
+def _compiled() -> Callable[[FloatArray, FloatArray, float], FloatArray]:
+    import numba  # slow to import, and needed only when the stage acts
+
+    @numba.njit(cache=True)
+    def followed(time, drive, limit):
+        """A drive (n,) that moves towards another one by no more than ``limit`` per second."""
+        out = np.empty(drive.size)
+        out[0] = drive[0]
+        for i in range(1, drive.size):
+            most = limit * max(time[i] - time[i - 1], 0.0)
+            out[i] = out[i - 1] + min(max(drive[i] - out[i - 1], -most), most)
+        return out
+
+    return followed
+
+
+class SlewLimit(Cause):
+    """``limit`` of |dV/dt|."""
+
+    id = "slew-limit"
+    place = "drive"
+    units: ClassVar[Mapping[str, str]] = {"limit": "V/s"}
+    limits: ClassVar[Mapping[str, tuple[float, float]]] = {"limit": (1e-6, 1e12)}
+    sharp: ClassVar[Mapping[str, float]] = {"limit": 50.0}
+
+    def act(self, signal: Signal) -> Signal:
+        time, drive = (np.ascontiguousarray(x) for x in (signal.time_s, signal.drive_v))
+        return signal.with_(drive_v=_compiled()(time, drive, self["limit"]))
+
+    @classmethod
+    def variants(cls, context: Context) -> list[list[Stage]]:
+        if not context.slews_v_per_s.size:
+            return []
+        fastest = float(context.slews_v_per_s.max())
+        return [[cls.of(None, limit=share * fastest)] for share in SHARES]
+
+    @classmethod
+    def begun(cls, trials: Sequence[Stage], shares: FloatArray) -> Stage:
+        return trials[0]

@@ -1,0 +1,13 @@
+"""What spoils the noise and everything after it: found first, in single recordings.
+
+`clean_up` runs the detectors in order. ``spikes`` finds outliers; ``breaks`` jumps of the
+interferometer and lost samples, with ``traces`` (what a recording has of its own), ``place`` (at
+which sample) and ``mended`` (the repair); ``hum`` the mains; ``lines`` any other line in clock
+time, for the verdict on the rest.
+"""
+
+from piezo_rig.diagnosis.early.clean_up import TRIED, Early, clean_up
+from piezo_rig.diagnosis.early.lines import find_line
+from piezo_rig.diagnosis.early.spikes import noise_floor_nm
+
+__all__ = ["TRIED", "Early", "clean_up", "find_line", "noise_floor_nm"]

@@ -1,0 +1,111 @@
+"""What must be found and taken off before the noise is measured, in this order.
+
+Outliers, then what breaks a recording at one instant (jumps of the interferometer, lost samples),
+then hum. Each is sought in recordings that are clean of those before it; a hum that is there is
+left open while breaks are sought. After each the baseline is refitted.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from piezo_rig.chain import Parameter
+from piezo_rig.diagnosis.early.breaks import Break, find_breaks
+from piezo_rig.diagnosis.early.hum import find_hum, removed
+from piezo_rig.diagnosis.early.mended import DROP, JUMP, mended
+from piezo_rig.diagnosis.early.reported import reported
+from piezo_rig.diagnosis.early.spikes import find_spikes
+from piezo_rig.diagnosis.fit import Point
+from piezo_rig.diagnosis.groups import Groups
+from piezo_rig.run_file.sweep import Sweep
+
+TRIED = ("outliers", JUMP, DROP, "mains-hum")
+BETTER = 0.999  # squared error of the baseline after mending, of that before
+JOINTLY = 6  # turns of fitting base and hum
+
+
+@dataclass(frozen=True, eq=False)
+class Early:
+    """One cause that was found; ``p_value`` is family-wise, ``groups`` are clean of it."""
+
+    cause: str
+    p_value: float
+    parameters: dict[str, Parameter]
+    groups: Groups
+
+
+def _helps(
+    groups: Groups, point: Point, breaks: Sequence[Break],
+    refitted: Callable[[Groups, Point], Point],
+) -> bool:  # fmt: skip
+    """Whether the baseline fits better once the breaks are mended.
+
+    A delay or a loop that the baseline lacks can look like lost samples; mending those makes
+    things worse.
+    """
+    predicted = [g.predicted(point.model) for g in groups.groups]
+    whole = mended(groups, predicted, breaks)
+    return _square(whole, refitted(whole, point)) < BETTER * _square(groups, point)
+
+
+def _square(groups: Groups, point: Point) -> float:
+    total = 0.0
+    for g in groups.groups:
+        left = g.measured_um - g.predicted(point.model)
+        for a, b in g.blocks:
+            cut = left[:, a:b]
+            total += float(np.sum((cut - cut.mean(axis=1, keepdims=True)) ** 2))
+    return total
+
+
+def clean_up(
+    raw: Groups, sweeps: Sequence[Sweep], point: Point,
+    refitted: Callable[[Groups, Point], Point], level: float, count: int,
+) -> tuple[list[Early], Point]:  # fmt: skip
+    """Everything found, in order, and the baseline refitted to what is left.
+
+    Parameters
+    ----------
+    point : the baseline, fitted to the raw recordings
+    refitted : the baseline fitted to other recordings, from a point near by
+    level : family-wise chance of a false alarm
+    count : causes that are tried in all, for the correction
+    """
+    clean, found = raw, list[Early]()
+    spikes = find_spikes(raw, point.model)
+    if spikes.p_value * count < level:
+        clean = spikes.groups
+        found.append(
+            Early("outliers", spikes.p_value * count, dict(spikes.stage().parameters), clean)
+        )
+        point = refitted(clean, point)
+    hum = find_hum(clean, point.model)
+    line = hum.frequency if hum is not None and hum.p_value * count < level else None
+    breaks = find_breaks(clean, point.model, sweeps, level / count, line)
+    if breaks.breaks and _helps(clean, point, breaks.breaks, refitted):
+        before = clean
+        predicted = [g.predicted(point.model) for g in clean.groups]
+        causes = list(dict.fromkeys(b.cause for b in breaks.breaks))
+        for k, cause in enumerate(causes):
+            known = [b for b in breaks.breaks if b.cause in causes[: k + 1]]
+            clean = mended(before, predicted, known)
+            mine = breaks.of(cause)
+            p = min(1.0, min(b.p_value for b in mine) * count)
+            found.append(Early(cause, p, reported(before, mine, sweeps), clean))
+        point = refitted(clean, point)
+        # gaps follow the model, which the breaks had spoilt
+        clean = mended(before, [g.predicted(point.model) for g in clean.groups], breaks.breaks)
+        found[-1] = Early(found[-1].cause, found[-1].p_value, found[-1].parameters, clean)
+        hum = find_hum(clean, point.model)
+    if hum is not None and hum.p_value * count < level:
+        noisy = clean
+        for _ in range(JOINTLY):  # what the base model took of it is given back
+            clean = hum.groups
+            point = refitted(clean, point)
+            hum = removed(noisy, point.model, hum.frequency, hum.p_value)
+        parameters = dict(hum.stage().parameters)
+        found.append(Early("mains-hum", hum.p_value * count, parameters, hum.groups))
+    return found, point

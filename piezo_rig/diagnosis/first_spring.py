@@ -1,0 +1,96 @@
+"""The constant part of a first spring that follows a law, and how well the data know it.
+
+k_1 = slope x history + offset (thesis eq. 7-10). While a law is looked for its offset is part of
+the element table: by how much the later branch is steeper up to the law's reach than on the same
+stretch after it. Here it is taken out of the table, for the report and for the model file.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from piezo_rig.causes.cause import FirstSpring
+from piezo_rig.chain import Elements, Model, Parameter
+from piezo_rig.diagnosis.fit import smoothness
+from piezo_rig.diagnosis.refit import Fitted, smooth_weight
+
+FloatArray = NDArray[np.float64]
+STEP = 1e-3  # relative, of finite differences
+
+
+def spring_of(table: Elements, reach_um: float) -> float:
+    """Constant part of the first spring, V/um."""
+    return table.steeper_by(0.5 * reach_um)
+
+
+def _depends(table: Elements, reach_um: float) -> float:
+    """By how much it matters where the branch "after the first spring" is taken to be, V/um."""
+    ends, volts = np.append(0.0, table.slides_at_um), np.append(0.0, table.knots_v)
+
+    def slope(begin: float, end: float) -> float:
+        at = np.interp([0.5 * begin, 0.5 * end], ends, volts)
+        return 2.0 * float(at[1] - at[0]) / (end - begin)
+
+    usual = slope(reach_um, 2.0 * reach_um)
+    return max(abs(slope(reach_um, k * reach_um) - usual) for k in (1.5, 3.0))
+
+
+def reach_of(stage: FirstSpring, table: Elements) -> float:
+    """Displacement after a turning point up to which the law holds, um."""
+    if "reach" in stage.parameters:
+        return stage["reach"]
+    return 2.0 * float(table.slides_at_um[0])
+
+
+def with_offset(fitted: Fitted, model: Model, stage: FirstSpring) -> Model:
+    """The same model, the first spring's constant part moved from the table to its law.
+
+    Without elements of its own for the first rise the table stays: the first rise follows it as
+    well. The offset is then only reported; see `offset_of`.
+    """
+    table = model.maxwell.elements
+    assert table is not None
+    if not any(s.has_elements and s.id != "maxwell" for s in model.stages):
+        return model
+    reach = reach_of(stage, table)
+    law = type(stage)(stage.parameters | {"offset": offset_of(fitted, stage)})
+    moved = type(model.maxwell).of(table.with_spring(-spring_of(table, reach), 0.5 * reach))
+    return model.with_(stages=tuple(
+        moved if s.id == "maxwell" else law if s.id == stage.id else s for s in model.stages
+    ))  # fmt: skip
+
+
+def offset_of(fitted: Fitted, stage: FirstSpring) -> Parameter:
+    """The offset with its interval, from a fit whose table still holds it.
+
+    Compliances are uncertain by the noise, and follow the slope and the reach.
+    """
+    table = fitted.point.model.maxwell.elements
+    assert table is not None
+    reach, unit = reach_of(stage, table), stage.units["offset"]
+    value = stage["offset"] + spring_of(table, reach)
+    n, q = fitted.point.linear, len(fitted.point.sizes)
+    if fitted.point.fixed or fitted.covariance.shape != (q, q):
+        return Parameter(value, unit)
+    compliance = 1.0 / table.slopes
+    gradient = np.zeros(n)
+    for k in range(compliance.size):
+        there = compliance.copy()
+        there[k] *= 1.0 + STEP
+        other = spring_of(Elements.from_curve(table.knots_v, there), reach)
+        gradient[k] = (other - spring_of(table, reach)) / (STEP * compliance[k])
+    raw = fitted.linear.raw.sum(axis=0)
+    rows = smoothness(fitted.point)[:, :n]
+    gram = raw[:n, :n] + smooth_weight(fitted.point, fitted.linear) * rows.T @ rows
+    gram += 1e-12 * np.diag(np.diag(gram)) + 1e-300 * np.eye(n)
+    solved = np.linalg.solve(gram, gradient)
+    noise = raw[-1, -1] / max(float(fitted.linear.count.sum()), 1.0)
+    follows = -solved @ raw[:n, n : n + q]  # by the stage parameters
+    for j, (id, name) in enumerate(fitted.point.names):
+        if id == stage.id and name == "reach":
+            wider = spring_of(table, reach * (1.0 + STEP))
+            follows[j] += (wider - spring_of(table, reach)) / (STEP * reach)
+    variance = noise * float(gradient @ solved) + float(follows @ fitted.covariance @ follows)
+    half = float(np.hypot(1.96 * np.sqrt(max(variance, 0.0)), _depends(table, reach)))
+    return Parameter(value, unit, (value - half, value + half))

@@ -1,0 +1,122 @@
+"""A diagnosis as one HTML page that needs nothing but a browser: no network, no other file.
+
+The same diagnosis gives the same bytes. Whatever comes from a file (names of conditions, of
+recordings, of models) is escaped where it is put in.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from html import escape
+from pathlib import Path
+
+import numpy as np
+
+from piezo_rig.diagnosis import Diagnosis
+from piezo_rig.diagnosis.isolability import isolability
+from piezo_rig.errors import BenchError
+from piezo_rig.report.assets import script, style
+from piezo_rig.report.closer import closer_html
+from piezo_rig.report.ladder_svg import ladder_svg
+from piezo_rig.report.matrix import matrix_html
+from piezo_rig.report.residuals import Residuals
+from piezo_rig.report.sections import (
+    findings_html,
+    next_html,
+    notes_html,
+    provenance_html,
+    rest_html,
+)
+from piezo_rig.report.words import verdict
+
+
+def report_page(
+    path: Path, title: str, found: Diagnosis, files: Sequence[str] = (),
+    hashes: Mapping[str, str] | None = None,
+) -> Path:
+    """Write the page of a diagnosis; returns the path.
+
+    Parameters
+    ----------
+    title : what was diagnosed
+    files : DATA as given on the command line, for the commands that the page suggests
+    hashes : name of every file -> its SHA-256
+
+    Raises
+    ------
+    BenchError : the disk refuses
+    """
+    text = page(title, found, files, hashes or {})
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text, encoding="utf-8", newline="\n")
+    except OSError as error:
+        raise BenchError(
+            "disk", f"could not write {path}: {error.strerror or error}",
+            "the disk is full, or the folder is not yours to write", "give another place",
+        ) from None
+    return path
+
+
+def page(title: str, found: Diagnosis, files: Sequence[str], hashes: Mapping[str, str]) -> str:
+    """The page's text."""
+    workings = found.workings
+    residuals = None if workings is None else Residuals(workings, found.rung_models)
+    sections = [
+        ("ladder", "The ladder: what each cause takes away from the error", _ladder(found)),
+        ("findings", "What was found", findings_html(found, residuals)),
+        ("apart", "What can be told from what", _matrix(found)),
+        ("rest", "What remains", rest_html(found, residuals)),
+        ("closer", "Look closer: the residual of any condition",
+         "" if residuals is None else closer_html(found, residuals)),
+        ("next", "What to play next", next_html(found, files)),
+        ("notes", "Notes", notes_html(found)),
+        ("provenance", "Where this comes from", provenance_html(found, hashes)),
+    ]  # fmt: skip
+    sections = [s for s in sections if s[2]]
+    links = "\n".join(
+        f'<a href="#{id}">{escape(head.split(":")[0])}</a>' for id, head, _ in sections
+    )
+    body = "\n".join(
+        f'<section id="{id}"><h2>{escape(head)}</h2>\n{html}</section>'
+        for id, head, html in sections
+    )
+    open_ = found.unexplained.detected or any(f.alternatives for f in found.findings)
+    sentences = "".join(f"<p>{escape(s)}</p>" for s in verdict(found))
+    return f"""<!DOCTYPE html>
+<html lang="en"><head><meta charset="utf-8">
+<meta name="viewport" content="width=device-width, initial-scale=1">
+<meta name="color-scheme" content="light dark">
+<title>Diagnosis of {escape(title)}</title>
+<style>
+{style()}</style></head>
+<body><main>
+<h1>Diagnosis of {escape(title)}</h1>
+<nav>{links}</nav>
+<div class="verdict{" open" if open_ else ""}">{sentences}</div>
+{body}
+</main>
+<script>
+{script()}</script>
+</body></html>
+"""
+
+
+def _ladder(found: Diagnosis) -> str:
+    held = ("Errors are of the fit itself: there was too little data to hold any out."
+            if found.held_out == "none" else
+            "Every error is on data that the model had not been fitted to.")  # fmt: skip
+    return (f"<figure>{ladder_svg(found)}<figcaption>From the top: the model as it was, then with "
+            "one cause after the other added to it. A bar is the factor by which the error falls. "
+            f"{held} Max: the largest error of all, in percent of its sweep's travel."
+            "</figcaption></figure>")  # fmt: skip
+
+
+def _matrix(found: Diagnosis) -> str:
+    if found.workings is None:
+        return ""
+    try:
+        known = isolability(found.workings.space, found.workings.last)
+    except np.linalg.LinAlgError:
+        return "<p>These data are too few or too much alike for this table.</p>"
+    return matrix_html(found, known)

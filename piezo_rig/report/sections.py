@@ -1,0 +1,244 @@
+"""The sections of a diagnosis' page after the ladder, each a function that returns HTML."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Mapping, Sequence
+from html import escape
+
+from piezo_rig import __version__
+from piezo_rig.causes import CAUSES
+from piezo_rig.causes.cause import Cause
+from piezo_rig.causes.mains_hum import FUNDAMENTALS_HZ
+from piezo_rig.diagnosis import Diagnosis, Finding
+from piezo_rig.report.residuals import Residuals
+from piezo_rig.report.spectrum import hum_plot
+from piezo_rig.report.svg import Plot, draw
+from piezo_rig.report.views import (
+    View,
+    before_and_after,
+    own_scale,
+    rest_views,
+    single,
+    views_of,
+    y_label,
+)
+from piezo_rig.report.words import (
+    PLACES,
+    TOLD,
+    about,
+    chance,
+    gain_text,
+    interval,
+    listed,
+    nm,
+    with_unit,
+)
+
+
+def findings_html(found: Diagnosis, residuals: Residuals | None) -> str:
+    """One card to a finding, in the order in which they were accepted."""
+    if not found.findings:
+        return (f"<p>No cause was named: {escape(found.baseline)} says all that these data can "
+                "show.</p>")  # fmt: skip
+    return "\n".join(_finding(found, i, f, residuals) for i, f in enumerate(found.findings))
+
+
+def _finding(found: Diagnosis, index: int, finding: Finding, residuals: Residuals | None) -> str:
+    said = about(finding.cause)
+    place = escape(PLACES.get(finding.place, finding.place))
+    name = escape(finding.cause)
+    out = [f'<section class="finding" id="finding-{index}"><h3>{index + 1}. {name} '
+           f'<span class="place">in {place}</span></h3>']
+    if "meaning" in said:
+        meaning = said["meaning"]
+        out.append(f'<p class="meaning">{escape(meaning[:1].upper() + meaning[1:])}.</p>')
+    kind = CAUSES.get(finding.cause)
+    given = kind.given if kind is not None and issubclass(kind, Cause) else ()
+    rows = [(name.removesuffix(f"_{p.unit}").replace("_", " "), escape(with_unit(p)),
+             escape(interval(p, name in given))) for name, p in finding.parameters.items()]
+    gain, _, sure = gain_text(finding).partition(" (")
+    sure = sure.rstrip(")") + "; " if sure else ""
+    rows.append(("gain", escape(gain), escape(sure) + _gain_words(found, index)))
+    rows.append(("chance of a false alarm", escape(chance(finding.p_value)),
+                 "all causes that were tried are counted in"))  # fmt: skip
+    out.append(_facts(rows))
+    out.append(_alternatives(finding))
+    if residuals is not None:
+        out.append(_figure(found, index, finding, residuals))
+    known = [f"<p><b>{head}.</b> {escape(said[head][:1].upper() + said[head][1:])}</p>"
+             for head in ("Physics", "Shows as", "Plausible") if head in said]  # fmt: skip
+    if known:
+        out.append(f"<details open><summary>About {escape(finding.cause)}</summary>"
+                   f"{''.join(known)}</details>")  # fmt: skip
+    return "\n".join([*out, "</section>"])
+
+
+def _facts(rows: Sequence[tuple[str, str, str]]) -> str:
+    cells = "".join(
+        f'<tr><th scope="row">{escape(name)}</th><td>{value}</td><td class="quiet">{more}</td></tr>'
+        for name, value, more in rows
+    )
+    return f'<div class="wide"><table class="facts">{cells}</table></div>'
+
+
+def _gain_words(found: Diagnosis, index: int) -> str:
+    if found.findings[index].gain_percent is None:
+        return ("nothing was held out" if found.held_out == "none"
+                else "no model can foretell single events")  # fmt: skip
+    at = next((i for i, r in enumerate(found.rungs) if r.finding == index), 0)
+    if at == 0:
+        return ""
+    before, after = found.rungs[at - 1], found.rungs[at]
+    return f"rms error from {nm(before.rms_nm)} to {nm(after.rms_nm)}, on data left out of the fit"
+
+
+def _alternatives(finding: Finding) -> str:
+    if not finding.alternatives:
+        if finding.d_prime is None:
+            return ""
+        return "<p><b>Told apart</b> from every other cause that was tried in these data.</p>"
+    others = escape(listed(finding.alternatives, "or"))
+    return (
+        f'<p class="warn"><b>Cannot be told from {others}.</b> With '
+        "the drives that were played, the one does to the displacement what the others would do: "
+        "any of them may be the true cause, or some of each. The model predicts these drives "
+        "equally well either way, but not necessarily others. "
+        '<a href="#next">What to play next</a> says how to decide.</p>'
+    )
+
+
+def _figure(found: Diagnosis, index: int, finding: Finding, residuals: Residuals) -> str:
+    at = next((i for i, r in enumerate(found.rungs) if r.finding == index), 0)
+    if at == 0 or at >= residuals.rungs:
+        return ""
+    if finding.cause == "mains-hum":
+        given = finding.parameters.get("frequency")
+        plot = hum_plot(residuals, (at - 1, at), given.value if given else FUNDAMENTALS_HZ[0])
+        text = ("What single recordings have of their own, in clock time; the dotted lines are the "
+                "mains and its odd harmonics. With few repeats the heights depend on how their "
+                "phases happen to lie; the amplitude above does not.")  # fmt: skip
+        return figure_html(plot, text)
+    out = []
+    for view in views_of(finding.cause):
+        plot = before_and_after(residuals, (at - 1, at), finding.cause, view, found.noise_floor_nm)
+        how = "" if view.envelope else (
+            " Means in bins; the shade of a curve is its standard error from half loop to half "
+            "loop."
+        )  # fmt: skip
+        out.append(figure_html(plot, view.text + how + _floor_words(found)))
+    return "\n".join(out)
+
+
+def _floor_words(found: Diagnosis) -> str:
+    if found.noise_floor_nm is None:
+        return " The noise floor is not known (no repeats)."
+    return f" Grey: the noise floor of single readings, ±{nm(found.noise_floor_nm)}."
+
+
+def figure_html(plot: Plot, caption: str) -> str:
+    """A plot; where it has two panels, the last one by itself behind a button."""
+    closer = ""
+    if len(plot.panels) > 1:
+        closer = (f'<div class="view" hidden>{draw(own_scale(plot))}</div>'
+                  '<p class="script" hidden><button type="button" data-swap>'
+                  "look closer at &quot;after&quot;</button></p>")
+    return (f'<figure><div class="view">{draw(plot)}</div>{closer}'
+            f"<figcaption>{escape(caption)}</figcaption></figure>")  # fmt: skip
+
+
+def rest_html(found: Diagnosis, residuals: Residuals | None) -> str:
+    """What remains after the last finding."""
+    rest = found.unexplained
+    if rest.detected:
+        on = [TOLD.get(w, w) for w in rest.depends_on]
+        out = [f'<p class="warn"><b>Unexplained: {escape(rest.text)}.</b> '
+               f"{nm(rest.rms_nm)} rms of structure is left with the noise taken out; "
+               f"{nm(rest.allowance_nm)} would be allowed, for no model is exact. "
+               f"{'It depends on ' + escape(listed(on)) + '. ' if on else ''}"
+               "No cause of the catalogue does this: look at the bench (mounting, cables, what "
+               "else was running), and at the figures below.</p>"]  # fmt: skip
+    else:
+        out = [f"<p>Nothing that stands out: {nm(rest.rms_nm)} rms of structure is left with the "
+               f"noise taken out; up to {nm(rest.allowance_nm)} is allowed, for no model is "
+               "exact, and what is likely by chance alone is no finding.</p>"]  # fmt: skip
+    if residuals is not None:
+        last = residuals.rungs - 1
+        for view in rest_views(rest.depends_on):
+            out.append(figure_html(_last(found, residuals, last, view),
+                                   view.text + _floor_words(found)))  # fmt: skip
+    return "\n".join(out)
+
+
+def _last(found: Diagnosis, residuals: Residuals, rung: int, view: View) -> Plot:
+    return Plot(
+        [single(residuals, rung, view, "the last residual, with everything that was found")],
+        view.x_label, y_label(view), f"Last residual against {view.x_label}.",
+        view.log, found.noise_floor_nm, view.x_unit,
+    )  # fmt: skip
+
+
+def next_html(found: Diagnosis, files: Sequence[str]) -> str:
+    """What to play next, as it is typed."""
+    confused = [f for f in found.findings if f.alternatives]
+    if not confused:
+        return "<p>Nothing is confounded: no further protocol is needed to tell causes apart.</p>"
+    pairs = "; ".join(f"{f.cause} from {listed(f.alternatives)}" for f in confused)
+    if found.follow_up is None:
+        return (f"<p>Not decided yet: {escape(pairs)}. None of the shipped protocols would tell "
+                "them apart.</p>")  # fmt: skip
+    name = found.follow_up.protocol
+    data = " ".join(shlex.quote(f) for f in files) or "DATA"
+    play = f"piezo-rig run {shlex.quote(name)} --rig YOUR_BENCH.toml --out runs"
+    look = f"piezo-rig diagnose {data} runs/{name}_*.h5 --report decided.html"
+    return (
+        f"<p>Not decided yet: {escape(pairs)}. Of the shipped protocols, <b>{escape(name)}</b> "
+        f"separates {escape(' from '.join(found.follow_up.separates[:1]))} best from "
+        f"{escape(listed(found.follow_up.separates[1:]))}. Play it on the same stack, then "
+        f"diagnose everything together:</p><pre>{escape(play)}\n{escape(look)}</pre>"
+        "<p class=\"quiet\">YOUR_BENCH.toml is the config of your rig; without <code>--rig</code> "
+        f"the simulated bench is played. <code>piezo-rig plan {escape(name)} --rig "
+        "YOUR_BENCH.toml</code> checks it first, without touching hardware.</p>"
+    )
+
+
+def notes_html(found: Diagnosis) -> str:
+    """Warnings, notes, and what was not tried."""
+    out = []
+    for title, words in (("Warnings", found.warnings), ("Notes", found.notes)):
+        if words:
+            items = "".join(f"<li>{escape(w)}</li>" for w in words)
+            out.append(f"<h3>{title}</h3><ul>{items}</ul>")
+    if found.refused:
+        items = "".join(f"<li><b>{escape(cause)}</b>: {escape(why)}</li>"
+                        for cause, why in found.refused.items())  # fmt: skip
+        out.append(f"<h3>Not tried or not kept, and why</h3><ul>{items}</ul>")
+    return "\n".join(out) or "<p>No warnings; every cause that is known was tried.</p>"
+
+
+def provenance_html(found: Diagnosis, hashes: Mapping[str, str]) -> str:
+    """Where the numbers come from."""
+    held = {
+        "none": "nothing (too few cycles)", "cycles": "the last third of the cycles",
+        "sweep": "one sweep after the other", "condition": "one condition after the other",
+    }  # fmt: skip
+    rows = [
+        ("baseline", escape(found.baseline), ""),
+        ("data", f"{found.sweeps} sweeps, {found.samples:,} samples",
+         f"up to {found.repeats} repeats of a drive"),
+        ("held out", held.get(found.held_out, escape(found.held_out)), "every error and gain"),
+        ("software", f"piezo-rig {escape(__version__)}", ""),
+    ]  # fmt: skip
+    records = "".join(
+        f"<tr><td>{escape(name)}</td><td>{offset:+.3f} um</td></tr>"
+        for name, offset in found.recordings
+    )
+    sums = "".join(f"<tr><td>{escape(name)}</td><td><code>{escape(h)}</code></td></tr>"
+                   for name, h in sorted(hashes.items()))  # fmt: skip
+    return (
+        _facts(rows)
+        + '<div class="wide"><table class="facts"><tr><th>recording</th><th>offset against the '
+        f"first</th></tr>{records}</table></div>"
+        + ('<div class="wide"><table class="facts"><tr><th>file</th><th>SHA-256</th></tr>'
+           f"{sums}</table></div>" if sums else "")
+    )  # fmt: skip

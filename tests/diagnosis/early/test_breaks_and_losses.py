@@ -1,0 +1,125 @@
+"""Jumps of the interferometer and lost samples: each found for what it is, and repaired."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
+from small_bench import recordings
+
+from piezo_rig.chain import Elements, Maxwell, Model
+from piezo_rig.diagnosis.early.breaks import find_breaks
+from piezo_rig.diagnosis.early.mended import mended
+from piezo_rig.diagnosis.early.reported import reported
+from piezo_rig.diagnosis.groups import group_tracks
+from piezo_rig.identification import prepare
+
+LEVEL = 1e-4
+# a plain loop: 0.09 um/V that grows to 0.15, about as the small bench's actuator
+KNOTS = np.linspace(1.0, 40.0, 40)
+MODEL = Model((Maxwell.of(Elements.from_curve(KNOTS, np.linspace(0.09, 0.15, 40))),))
+
+
+def with_jump(sweep, index, steps):
+    volts = sweep.sensor_v.copy()
+    volts[index:] -= steps * 0.0791 / 15.48
+    return sweep.with_(sensor_v=volts)
+
+
+def with_loss(sweep, index, count):
+    volts = np.delete(sweep.sensor_v, slice(index, index + count))
+    return sweep.with_(sensor_v=np.append(volts, np.full(count, volts[-1])))
+
+
+def searched(sweeps):
+    groups = group_tracks(prepare(sweeps, first_rises=True), sweeps)
+    found = find_breaks(groups, MODEL, sweeps, LEVEL)
+    return groups, found.breaks
+
+
+def said(groups, breaks):
+    return sorted(
+        (groups.groups[b.group].sweeps[b.row][0], b.cause, b.index, b.count) for b in breaks
+    )
+
+
+@pytest.mark.parametrize("kind", ["white", "ar", "1/f"])
+def test_recordings_without_a_break_show_none(kind):
+    assert searched(recordings(kind=kind, seed=2))[1] == ()
+
+
+@pytest.mark.parametrize("kind", ["white", "ar", "1/f"])
+@pytest.mark.parametrize("steps", [1, -3])
+def test_a_jump_is_found_at_its_sample_in_the_right_one_of_two_recordings(kind, steps):
+    sweeps = recordings(kind=kind)
+    sweeps[6] = with_jump(sweeps[6], 1234, steps)
+    groups, breaks = searched(sweeps)
+    assert said(groups, breaks) == [(6, "fringe-jump", 1234, steps)]
+    # of a step that large there is no doubt
+    assert breaks[0].high - breaks[0].low <= 1
+
+
+@pytest.mark.parametrize("count", [1, 3, 60])
+def test_lost_samples_are_counted_and_not_taken_for_a_jump(count):
+    sweeps = recordings()
+    sweeps[2] = with_loss(sweeps[2], 1700, count)
+    groups, breaks = searched(sweeps)
+    ((sweep, cause, index, missing),) = said(groups, breaks)
+    assert (sweep, cause, missing) == (2, "dropped-samples", count)
+    assert abs(index - 1700) <= 2
+
+
+def test_a_mended_recording_is_what_it_would_have_been():
+    whole = recordings()
+    sweeps = list(whole)
+    sweeps[1] = with_loss(with_jump(whole[1], 900, 2), 1600, 3)
+    groups, breaks = searched(sweeps)
+    assert {b.cause for b in breaks} == {"fringe-jump", "dropped-samples"}
+    clean = mended(groups, [g.predicted(MODEL) for g in groups.groups], breaks)
+    true = group_tracks(prepare(whole, first_rises=True), whole)
+    off = clean.groups[1].measured_um - true.groups[1].measured_um
+    assert np.percentile(np.abs(off), 99) < 1e-9
+    assert np.max(np.abs(off)) < 0.05  # in the gap: the model, and no noise
+
+
+def test_a_step_of_another_size_is_no_jump():
+    sweeps = recordings()
+    volts = sweeps[3].sensor_v.copy()
+    volts[1500:] -= 0.120 / 15.48
+    sweeps[3] = sweeps[3].with_(sensor_v=volts)
+    assert searched(sweeps)[1] == ()
+
+
+def test_what_all_recordings_of_a_drive_share_is_no_accident():
+    assert searched([with_jump(s, 1500, 1) for s in recordings()])[1] == ()
+
+
+def test_hum_and_drift_are_neither():
+    def sensor(x, t, rng):
+        return x + 8e-3 * np.sin(2 * np.pi * 50.0 * t + 0.3) + 20e-6 * t
+
+    assert searched(recordings(sensor=sensor))[1] == ()
+
+
+def test_without_repeats_a_jump_is_found_against_the_model():
+    sweeps = recordings(repeats=1)
+    sweeps[2] = with_jump(sweeps[2], 1234, 2)
+    groups, breaks = searched(sweeps)
+    assert said(groups, breaks) == [(2, "fringe-jump", 1234, 2)]
+
+
+def test_several_events_are_reported_as_lists_with_the_sweep_that_each_is_in():
+    sweeps = recordings()
+    sweeps[0] = with_jump(sweeps[0], 700, 1)
+    sweeps[5] = with_jump(sweeps[5], 2000, -1)
+    groups, breaks = searched(sweeps)
+    parameters = reported(groups, breaks, sweeps)
+    assert parameters["sweep"].values == (1.0, 6.0)
+    assert parameters["step"].values == pytest.approx((79.1, -79.1))
+    assert parameters["time"].values == pytest.approx((0.35, 1.0))
+    one = reported(groups, breaks[:1], sweeps)
+    assert one["step"].value in (79.1, -79.1)

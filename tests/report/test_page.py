@@ -1,0 +1,203 @@
+"""The page of a diagnosis: all of it in one file, true to the diagnosis, safe with any name."""
+
+from __future__ import annotations
+
+import html
+import re
+import sys
+from dataclasses import replace
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parent))
+from small_diagnoses import HOSTILE, diagnosis, sweeps
+
+from piezo_rig.causes import CAUSES
+from piezo_rig.chain import Parameter
+from piezo_rig.cli import main
+from piezo_rig.diagnosis.follow_up import FollowUp
+from piezo_rig.diagnosis.isolability import isolability
+from piezo_rig.errors import BenchError
+from piezo_rig.report import views
+from piezo_rig.report.page import page, report_page
+from piezo_rig.report.words import about, scaled, verdict
+
+KINDS = ("many", "quiet", "alone", "fixed")
+VOID = ("meta", "input", "img", "br")
+
+
+class Reader(HTMLParser):
+    """Elements with their attributes, visible text, and whether tags close in order."""
+
+    def __init__(self, text):
+        super().__init__()
+        self.open, self.elements, self.words, self.wrong = [], [], [], []
+        self.feed(text)
+
+    def handle_starttag(self, tag, attributes):
+        self.elements.append((tag, dict(attributes)))
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag, attributes):
+        self.elements.append((tag, dict(attributes)))
+
+    def handle_endtag(self, tag):
+        if not self.open or self.open.pop() != tag:
+            self.wrong.append(tag)
+
+    def handle_data(self, data):
+        if not self.open or self.open[-1] not in ("script", "style"):
+            self.words.append(data)
+
+    @property
+    def text(self):
+        return " ".join(" ".join(self.words).split())
+
+
+def read(kind, title="run"):
+    return Reader(page(title, diagnosis(kind), ["run.h5"], {"run.h5": "0f" * 32}))
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_page_needs_nothing_but_itself(kind):
+    text = page("run", diagnosis(kind), [], {})
+    assert "http" not in text
+    assert "@import" not in text
+    assert "url(" not in text
+    for tag, attributes in Reader(text).elements:
+        assert tag not in ("link", "iframe", "object", "embed", "img", "base"), tag
+        assert "src" not in attributes, tag
+        assert attributes.get("href", "#").startswith("#"), tag
+        assert not any(name.startswith("on") for name in attributes), tag
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_tags_close_ids_are_unique_and_links_lead_somewhere(kind):
+    seen = read(kind)
+    assert not seen.wrong
+    assert not seen.open
+    ids = [a["id"] for _, a in seen.elements if "id" in a]
+    assert len(ids) == len(set(ids))
+    for _, a in seen.elements:
+        if a.get("href", "#") != "#":
+            assert a["href"][1:] in ids
+
+
+def test_names_from_files_are_text_and_never_markup():
+    text = page(HOSTILE, diagnosis("many"), [HOSTILE], {HOSTILE: "00"})
+    assert "<img" not in text
+    assert "<i>" not in text
+    assert text.count("</script>") == 2  # the data of the closer look, and the script
+    assert HOSTILE in Reader(text).text
+
+
+def test_the_same_diagnosis_gives_the_same_bytes():
+    assert page("run", diagnosis("many"), [], {}) == page("run", diagnosis("many"), [], {})
+
+
+def test_every_finding_has_its_section_with_units_intervals_and_a_figure():
+    found = diagnosis("many")
+    assert {"outliers", "creep"} <= {f.cause for f in found.findings}
+    text = page("run", found, [], {})
+    for i, finding in enumerate(found.findings):
+        part = text[text.index(f'id="finding-{i}"') :].split("</section>")[0]
+        assert about(finding.cause)["Physics"][1:60] in html.unescape(part)
+        assert "chance of a false alarm" in part
+        assert part.count("<svg") >= 2  # before and after, and after on its own scale
+        for p in finding.parameters.values():
+            times, unit = scaled(p)
+            assert unit in part
+            if p.ci95:
+                assert f"{times * p.ci95[1]:.4g}".replace("-", "\u2212") in part
+        if finding.gain_ci95:
+            assert f"{finding.gain_ci95[0]:.1f}" in part
+
+
+def test_the_ladder_has_the_numbers_of_the_terminal():
+    found, text = diagnosis("many"), read("many").text
+    for rung in found.rungs:
+        assert f"{rung.rms_nm:.2f}" in text
+        assert f"{rung.max_percent:.2f}" in text
+
+
+def test_a_diagnosis_without_findings_says_so():
+    text = read("quiet").text
+    assert "No cause was named" in text
+    assert "Nothing is confounded" in text
+
+
+def test_without_repeats_the_noise_floor_is_said_to_be_unknown():
+    assert diagnosis("alone").noise_floor_nm is None
+    assert "noise floor is not known" in read("alone").text
+
+
+def test_a_model_that_is_held_fixed_has_a_page_as_well():
+    assert "What can be told from what" in read("fixed").text
+
+
+def test_what_cannot_be_told_apart_is_said_with_what_to_type_next():
+    found = diagnosis("many")
+    confused = [replace(f, alternatives=["thermal-drift"] if f.cause == "creep" else [])
+                for f in found.findings]  # fmt: skip
+    found = replace(found, findings=confused,
+                    follow_up=FollowUp("hold_steps", ["creep", "thermal-drift"], 0.1))  # fmt: skip
+    text = page("run", found, ["my run.h5"], {})
+    seen = Reader(text).text
+    assert "Cannot be told from thermal-drift" in seen
+    assert "piezo-rig run hold_steps --rig" in seen
+    assert "piezo-rig diagnose 'my run.h5' runs/hold_steps_*.h5" in seen
+    assert 'class="same"' in text.split('class="legend"')[0]  # framed in the table
+    assert "creep may as well be thermal-drift" in " ".join(verdict(found))
+
+
+def test_the_verdict_is_two_to_four_sentences_of_plain_words():
+    for kind in KINDS:
+        assert 2 <= len(verdict(diagnosis(kind))) <= 4
+
+
+def test_small_values_are_written_in_smaller_units():
+    assert scaled(Parameter(1.5e-4, "s")) == (1e6, "\u00a0µs")
+    assert scaled(Parameter(0.006, "um")) == (1e3, "\u00a0nm")
+    assert scaled(Parameter(0.02, "1")) == (1.0, "")
+
+
+def test_every_cause_of_the_catalogue_has_words_and_a_view():
+    for cause in CAUSES:
+        assert {"meaning", "Physics", "Shows as"} <= set(about(cause)), cause
+        assert views.views_of(cause)
+    assert views.views_of("never heard of")[0] is views.DRIVE
+
+
+def test_two_causes_are_as_much_alike_the_one_way_as_the_other():
+    workings = diagnosis("many").workings
+    known = isolability(workings.space, workings.last)
+    lone = [i for i, c in enumerate(known.causes) if c in ("creep", "thermal-drift")]
+    a, b = lone  # one number each: their cosine has no direction
+    assert known.cosine[a, b] == pytest.approx(known.cosine[b, a], rel=1e-6)
+    assert np.all((known.cosine >= 0) & (known.cosine <= 1))
+    assert known.found[known.causes.index("creep")]
+    finding = next(f for f in diagnosis("many").findings if f.cause == "creep")
+    assert known.d_prime[known.causes.index("creep")] == pytest.approx(finding.d_prime, rel=0.02)
+
+
+def test_a_place_that_cannot_be_written_is_a_fault_of_the_disk(tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(BenchError, match="could not write"):
+        report_page(tmp_path / "file" / "r.html", "run", diagnosis("quiet"))
+
+
+def test_the_command_line_writes_the_page_and_says_where(tmp_path, capsys):
+    (sweep,) = sweeps(effect=False, repeats=1, names=("0-50",))
+    table = np.column_stack([sweep.time_s, sweep.drive_v, sweep.displacement_um])
+    data = tmp_path / "first.csv"
+    np.savetxt(data, table, delimiter=",", header="time_s,drive_v,displacement_um", comments="")
+    assert main(["diagnose", str(data), "--report", f"{tmp_path}/out/"]) == 0
+    where = tmp_path / "out" / "first_report.html"
+    assert f"report: {where}" in capsys.readouterr().out.splitlines()
+    text = where.read_text(encoding="utf-8")
+    assert re.search(r"[0-9a-f]{64}", text)  # of the file
+    assert "Diagnosis of first" in text
