@@ -8,10 +8,10 @@ RUNS ?= runs
 
 .PHONY: demo test lint types layers check wheel bench-figures docs study study-thesis study-identification study-diagnosis clean help
 
-demo: $(READY)  ## play quick_look on the simulated bench: run, model, figures, ladder
+demo: $(READY)  ## play quick_look on the simulated bench: run, model, figures, ladder, report
 	$(BIN)/piezo-rig run quick_look --out $(RUNS)
 	@run="$$(ls -t $(RUNS)/quick_look_*.h5 | head -n 1)"; set -x; \
-	$(BIN)/piezo-rig diagnose "$$run" --figure "$${run%.h5}_ladder.png"
+	$(BIN)/piezo-rig diagnose "$$run" --figure "$${run%.h5}_ladder.png" --report "$${run%.h5}.html"
 
 test: $(READY)  ## the test suite
 	$(BIN)/python -m pytest -n 2

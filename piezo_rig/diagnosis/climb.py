@@ -81,6 +81,7 @@ def climb(
     rng: np.random.Generator,
     tell: Tell,
     held_out: Sequence[tuple[Callable[[Fitted], float], float]],
+    noise_nm: float,
     others: int = 0,
 ) -> Ladder:
     """Forward selection from a fitted baseline, with exchanges at the end.
@@ -92,9 +93,10 @@ def climb(
     ----------
     held_out : rms errors of a rung on parts of the data that its refits did not see, and the
         factor by which each may rise
+    noise_nm : of one recording, what no model falls below
     others : causes that were tried elsewhere (on the raw recordings), for the correction
     """
-    search = _Search(space, first, rng, tell, held_out, others)
+    search = _Search(space, first, rng, tell, held_out, noise_nm, others)
     search.forward()
     search.clear()
     for _ in range(ROUNDS):
@@ -110,6 +112,7 @@ class _Search:
     rng: np.random.Generator
     tell: Tell
     held_out: Sequence[tuple[Callable[[Fitted], float], float]]
+    noise_nm: float
     others: int
     steps: list[Step] = field(default_factory=list)
     scans: list[Scan] = field(default_factory=list)
@@ -229,7 +232,7 @@ class _Search:
                     f"against {error:.3g} nm)"
                 )
         before = self.error(0, than)
-        if before > FAR_OFF * self.space.noise_nm and self.error(0, fitted) > HELPS * before:
+        if before > FAR_OFF * self.noise_nm and self.error(0, fitted) > HELPS * before:
             return OF_THE_MISFIT
         return None
 

@@ -31,7 +31,8 @@ from piezo_rig.identification import prepare
 from piezo_rig.run_file.sweep import Sweep
 
 Tell = Callable[[str], None]
-WORSE, AWAY = 1.01, 3.0  # by which an extension may raise held-out errors
+WORSE, STRICT, AWAY = 1.03, 1.01, 3.0  # by which an extension may raise held-out errors
+CLOSE = 1.3  # times the noise floor: nearly nothing is left, and a true cause does no harm
 SHARE = 0.2  # of the false alarms that a search of the raw recordings may take
 EVENTS = ("outliers", "fringe-jump", "dropped-samples")  # nothing foretells them: no gain
 
@@ -143,8 +144,12 @@ def diagnose(
         return held_out_errors(space, fitted, kind).rms_nm
 
     # conditions that were left out ask for extrapolation: only a model that runs away is refused
-    gates = [(reported, WORSE)] if kind == folds else [(reported, WORSE), (carries_over, AWAY)]
-    ladder = climb(space, first, rng, tell, gates, others=tried)
+    floor = noise_floor_nm(clean)
+    close = floor is not None and reported(first) < CLOSE * floor
+    gates = [(reported, STRICT if close else WORSE)]
+    if kind != folds:
+        gates.append((carries_over, AWAY))
+    ladder = climb(space, first, rng, tell, gates, floor or space.noise_nm, others=tried)
     tell("held out")
     rungs, gains = _rungs(raw, stages, space, kind, ladder, rng, baseline)
     if kind != folds and folds in ("condition", "sweep"):
@@ -186,7 +191,6 @@ def diagnose(
     if kind == "none":
         notes.append("too few cycles to hold anything out: figures are of the fit itself, gains "
                      "are not given")  # fmt: skip
-    floor = noise_floor_nm(clean)
     tell("the rest")
     rest = with_line(
         unexplained(space, last, floor or rungs[-1].rms_nm, rng),

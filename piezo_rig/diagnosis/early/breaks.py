@@ -14,10 +14,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
 
 from piezo_rig.chain import Model
 from piezo_rig.diagnosis.early.mended import DROP, JUMP, STEP_UM, Break, lead, mended
+from piezo_rig.diagnosis.early.peaks import Peak, Search, find_peaks
 from piezo_rig.diagnosis.early.place import at_rest, placed
 from piezo_rig.diagnosis.early.traces import (
     Stretch,
@@ -34,21 +34,15 @@ from piezo_rig.run_file.sweep import Sweep
 
 FloatArray = NDArray[np.float64]
 ROUNDS = 40  # of search; one break of every group is taken in each
-GRID = 96  # instants at which the size of a signature is computed; between them it is smooth
 OFF = 4.0  # standard errors that a size may be off a whole number
 SLACK = 0.1  # of a step or sample, for what the model does not know
 LONG, WIDE = 0.03, 0.2  # shares by which the way may be wrong, and a first count
 AGAIN = 2  # times that place and count are looked for in turn
 CLEAR = 12.0  # log-likelihood that the instant itself must be worth where there are no repeats
-CORNER_S = 0.01  # so near to a turning point a model may be wrong by as much
 MANY = 10  # samples
 NEAR_S = 0.3
-PART = 0.3  # of a step or sample
 FEWER = 4  # counts that are tried
-BEGIN, END = 2, 20  # thinned samples; where the drive ends, lost samples show no velocity
 LIKELIEST = 4  # peaks of a group that are looked at closely
-FINE = 0.35  # standard error, in steps or samples, with which whole numbers can be told apart
-EDGE = 0.02  # of its largest size that a signature must have left off what the nuisance can do
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,41 +55,6 @@ class Breaks:
         """Those of one cause, in time."""
         mine = [b for b in self.breaks if b.cause == cause]
         return sorted(mine, key=lambda b: (b.group, b.row, b.index))
-
-
-@dataclass(frozen=True)
-class _Peak:
-    """A break about where it is; ``count`` has a sign for jumps."""
-
-    cause: str
-    stretch: int
-    row: int
-    at: int  # full-rate sample of the mended record
-    count: int
-    gained: float  # log-likelihood
-
-
-@dataclass(frozen=True, eq=False)
-class _Search:
-    """One round: the recordings, mended as far as is known."""
-
-    groups: Groups
-    predicted: list[FloatArray]
-    stretches: list[Stretch]
-    white: list[Whitened]
-    breaks: list[Break]
-    sweeps: Sequence[Sweep]
-    tried: int  # instants
-
-    def chance(self, gained: float) -> float:
-        """Of as much by noise at any of the instants, for either cause."""
-        return min(1.0, 4.0 * self.tried * float(stats.norm.sf(np.sqrt(2.0 * gained))))
-
-    def own(self, stretch: Stretch, row: int) -> FloatArray:
-        """What a recording has of its own in a stretch, thinned."""
-        group = self.groups.groups[stretch.group]
-        whole = own_part(group, row, self.predicted[stretch.group])
-        return stretch.thinned(whole[stretch.begin : stretch.end])
 
 
 def find_breaks(
@@ -116,7 +75,7 @@ def find_breaks(
     closed: set[int] = set()  # groups in which nothing more can be placed
     for _ in range(ROUNDS if found else 0):
         search = _round(mended(groups, predicted, breaks), predicted, found, breaks, sweeps)
-        peaks = [p for p in _peaks(search) if search.chance(p.gained) < level]
+        peaks = [p for p in find_peaks(search) if search.chance(p.gained) < level]
         before = len(breaks)
         for g in sorted({found[p.stretch].group for p in peaks} - closed):
             mine = sorted((p for p in peaks if found[p.stretch].group == g),
@@ -140,8 +99,8 @@ def find_breaks(
 def _round(
     groups: Groups, predicted: list[FloatArray], found: list[Stretch], breaks: list[Break],
     sweeps: Sequence[Sweep],
-) -> _Search:  # fmt: skip
-    search = _Search(groups, predicted, found, [], breaks, sweeps, 0)
+) -> Search:  # fmt: skip
+    search = Search(groups, predicted, found, [], breaks, sweeps, 0)
     own = {
         (k, row): search.own(s, row)
         for k, s in enumerate(found)
@@ -150,77 +109,10 @@ def _round(
     whitener = Whitener(spectrum(groups, found, own))
     white = [Whitened.of(stretch, whitener) for stretch in found]
     tried = sum(values.size for values in own.values())
-    return _Search(groups, predicted, found, white, breaks, sweeps, tried)
+    return Search(groups, predicted, found, white, breaks, sweeps, tried)
 
 
-def _peaks(search: _Search) -> list[_Peak]:
-    """The likeliest break of each kind in every stretch of every recording."""
-    out = []
-    for k, (stretch, white) in enumerate(zip(search.stretches, search.white, strict=True)):
-        group = search.groups.groups[stretch.group]
-        sizes = _sizes(white)
-        away = _away(group.time_s, group.drive_v, stretch) if group.repeats < 2 else None
-        for row in range(group.repeats):
-            back = white.back(white.project(search.own(stretch, row)))
-            for (cause, template), size in zip(_templates(stretch), sizes, strict=True):
-                usable = np.ones(size.size, bool) if away is None or cause == JUMP else away
-                peak = _best(cause, k, row, back * template, size, usable, stretch)
-                if peak is not None:
-                    out.append(peak)
-    return out
-
-
-def _templates(stretch: Stretch) -> list[tuple[str, FloatArray]]:
-    """What one step, and one lost sample (of few or many), add from an instant on; um."""
-    step = np.full(stretch.velocity.size, STEP_UM)
-    return [(JUMP, step), *((DROP, way) for way in stretch.ways)]
-
-
-def _sizes(white: Whitened) -> list[FloatArray]:
-    """Squared size of the signature of every instant, off the nuisance; shape (m,) each."""
-    m = white.stretch.velocity.size
-    at = np.unique(np.linspace(1, m - 2, GRID).astype(int))
-    after = np.arange(m) >= at[:, None]
-    out = []
-    for _, template in _templates(white.stretch):
-        seen = white.project(after * template)
-        out.append(np.interp(np.arange(m), at, np.einsum("ij,ij->i", seen, seen)))
-    return out
-
-
-def _away(time: FloatArray, drive: FloatArray, stretch: Stretch) -> NDArray[np.bool_]:
-    """Which thinned samples lie away from every turning point; shape (m,)."""
-    cut = slice(stretch.begin, stretch.end)
-    way = np.sign(np.gradient(drive[cut]))
-    corner = np.append(np.diff(way) != 0, False)
-    half = max(1, round(CORNER_S / max(float(np.median(np.diff(time[cut]))), 1e-12)))
-    near = np.convolve(corner, np.ones(2 * half + 1), mode="same") > 0
-    return stretch.thinned(near.astype(float)) == 0.0
-
-
-def _best(
-    cause: str, k: int, row: int, shares: FloatArray, size: FloatArray,
-    usable: NDArray[np.bool_], stretch: Stretch,
-) -> _Peak | None:  # fmt: skip
-    number = np.cumsum(shares[::-1])[::-1]
-    usable = usable & (size > EDGE * float(size.max())) & (size > FINE**-2)
-    usable[:BEGIN] = usable[-END:] = False
-    if not usable.any():
-        return None
-    share = number / np.maximum(size, 1e-300)
-    if cause == DROP:
-        share = np.maximum(share, 0.0)  # samples can be lost, not won
-    # an instant inside a thinned sample shows as two parts of a step
-    gained = np.where(usable & (np.abs(share) > PART), 0.5 * share**2 * size, 0.0)
-    best = int(np.argmax(gained))
-    if gained[best] <= 0.0:
-        return None
-    count = int(np.sign(share[best]) * max(1.0, np.rint(np.abs(share[best]))))
-    at = stretch.begin + best * stretch.factor
-    return _Peak(cause, k, row, at, count, float(gained[best]))
-
-
-def _exact(search: _Search, peak: _Peak, mixed: bool) -> tuple[float, Break | None] | None:
+def _exact(search: Search, peak: Peak, mixed: bool) -> tuple[float, Break | None] | None:
     """A break at its sample, in the recording that it belongs to, and what it gains.
 
     None where nothing begins at an instant there, or its size is no whole number. Where several
@@ -235,7 +127,7 @@ def _exact(search: _Search, peak: _Peak, mixed: bool) -> tuple[float, Break | No
     return None
 
 
-def _exactly(search: _Search, peak: _Peak, mixed: bool) -> tuple[float, Break | None] | None:
+def _exactly(search: Search, peak: Peak, mixed: bool) -> tuple[float, Break | None] | None:
     stretch, white = search.stretches[peak.stretch], search.white[peak.stretch]
     group, model = search.groups.groups[stretch.group], search.predicted[stretch.group]
     row, sign, own = peak.row, 1, own_part(group, peak.row, model)
@@ -283,7 +175,7 @@ def _exactly(search: _Search, peak: _Peak, mixed: bool) -> tuple[float, Break | 
 
 
 def _counted(
-    search: _Search, stretch: Stretch, white: Whitened, peak: _Peak, at: int, count: int,
+    search: Search, stretch: Stretch, white: Whitened, peak: Peak, at: int, count: int,
     within_s: float = np.inf,
 ) -> tuple[int, float] | None:  # fmt: skip
     """How many steps or samples it is, and what that gains in likelihood; None if no whole number.

@@ -13,9 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from piezo_rig.chain import Parameter
-from piezo_rig.diagnosis.early.breaks import Break, find_breaks
+from piezo_rig.diagnosis.early.breaks import Breaks, find_breaks
 from piezo_rig.diagnosis.early.hum import find_hum, removed
-from piezo_rig.diagnosis.early.mended import DROP, JUMP, mended
+from piezo_rig.diagnosis.early.mended import DROP, JUMP, Break, mended
 from piezo_rig.diagnosis.early.reported import reported
 from piezo_rig.diagnosis.early.spikes import find_spikes
 from piezo_rig.diagnosis.fit import Point
@@ -37,23 +37,30 @@ class Early:
     groups: Groups
 
 
-def _helps(
+def _believed(
     groups: Groups, point: Point, breaks: Sequence[Break],
     refitted: Callable[[Groups, Point], Point],
-) -> bool:  # fmt: skip
-    """Whether the baseline fits better once the breaks are mended.
+) -> Breaks:  # fmt: skip
+    """The breaks that are kept: without repeats, only if the baseline fits better once mended.
 
     A delay or a loop that the baseline lacks can look like lost samples; mending those makes
-    things worse.
+    things worse. Between repeats there is no such thing, and a single lost sample may be far
+    smaller than what the baseline leaves.
     """
-    predicted = [g.predicted(point.model) for g in groups.groups]
-    whole = mended(groups, predicted, breaks)
-    return _square(whole, refitted(whole, point)) < BETTER * _square(groups, point)
+    alone = [b for b in breaks if groups.groups[b.group].repeats < 2]
+    if not alone:
+        return Breaks(tuple(breaks))
+    whole = mended(groups, [g.predicted(point.model) for g in groups.groups], alone)
+    members = {b.group for b in alone}
+    after = _square(whole, refitted(whole, point), members)
+    if after < BETTER * _square(groups, point, members):
+        return Breaks(tuple(breaks))
+    return Breaks(tuple(b for b in breaks if b not in alone))
 
 
-def _square(groups: Groups, point: Point) -> float:
+def _square(groups: Groups, point: Point, members: set[int]) -> float:
     total = 0.0
-    for g in groups.groups:
+    for g in (groups.groups[k] for k in members):
         left = g.measured_um - g.predicted(point.model)
         for a, b in g.blocks:
             cut = left[:, a:b]
@@ -85,7 +92,8 @@ def clean_up(
     hum = find_hum(clean, point.model)
     line = hum.frequency if hum is not None and hum.p_value * count < level else None
     breaks = find_breaks(clean, point.model, sweeps, level / count, line)
-    if breaks.breaks and _helps(clean, point, breaks.breaks, refitted):
+    breaks = _believed(clean, point, breaks.breaks, refitted)
+    if breaks.breaks:
         before = clean
         predicted = [g.predicted(point.model) for g in clean.groups]
         causes = list(dict.fromkeys(b.cause for b in breaks.breaks))

@@ -1,0 +1,125 @@
+"""Where in the recordings a break is likeliest, about, for every kind of it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+from piezo_rig.diagnosis.early.mended import DROP, JUMP, STEP_UM, Break
+from piezo_rig.diagnosis.early.traces import Stretch, Whitened, own_part
+from piezo_rig.diagnosis.groups import Groups
+from piezo_rig.run_file.sweep import Sweep
+
+FloatArray = NDArray[np.float64]
+GRID = 96  # instants at which the size of a signature is computed; between them it is smooth
+EDGE = 0.02  # of its largest size that a signature must have left off what the nuisance can do
+FINE = 0.35  # standard error, in steps or samples, with which whole numbers can be told apart
+PART = 0.3  # of a step or sample
+CORNER_S = 0.01  # so near to a turning point a model may be wrong by as much
+BEGIN, END = 2, 20  # thinned samples; where the drive ends, lost samples show no velocity
+
+
+@dataclass(frozen=True)
+class Peak:
+    """A break about where it is; ``count`` has a sign for jumps."""
+
+    cause: str
+    stretch: int
+    row: int
+    at: int  # full-rate sample of the mended record
+    count: int
+    gained: float  # log-likelihood
+
+
+@dataclass(frozen=True, eq=False)
+class Search:
+    """One round: the recordings, mended as far as is known."""
+
+    groups: Groups
+    predicted: list[FloatArray]
+    stretches: list[Stretch]
+    white: list[Whitened]
+    breaks: list[Break]
+    sweeps: Sequence[Sweep]
+    tried: int  # instants
+
+    def chance(self, gained: float) -> float:
+        """Of as much by noise at any of the instants, for either cause."""
+        return min(1.0, 4.0 * self.tried * float(stats.norm.sf(np.sqrt(2.0 * gained))))
+
+    def own(self, stretch: Stretch, row: int) -> FloatArray:
+        """What a recording has of its own in a stretch, thinned."""
+        group = self.groups.groups[stretch.group]
+        whole = own_part(group, row, self.predicted[stretch.group])
+        return stretch.thinned(whole[stretch.begin : stretch.end])
+
+
+def find_peaks(search: Search) -> list[Peak]:
+    """The likeliest break of each kind in every stretch of every recording."""
+    out = []
+    for k, (stretch, white) in enumerate(zip(search.stretches, search.white, strict=True)):
+        group = search.groups.groups[stretch.group]
+        sizes = _sizes(white)
+        away = _away(group.time_s, group.drive_v, stretch) if group.repeats < 2 else None
+        for row in range(group.repeats):
+            back = white.back(white.project(search.own(stretch, row)))
+            for (cause, template), size in zip(_templates(stretch), sizes, strict=True):
+                usable = np.ones(size.size, bool) if away is None or cause == JUMP else away
+                peak = _best(cause, k, row, back * template, size, usable, stretch)
+                if peak is not None:
+                    out.append(peak)
+    return out
+
+
+def _templates(stretch: Stretch) -> list[tuple[str, FloatArray]]:
+    """What one step, and one lost sample (of few or many), add from an instant on; um."""
+    step = np.full(stretch.velocity.size, STEP_UM)
+    return [(JUMP, step), *((DROP, way) for way in stretch.ways)]
+
+
+def _sizes(white: Whitened) -> list[FloatArray]:
+    """Squared size of the signature of every instant, off the nuisance; shape (m,) each."""
+    m = white.stretch.velocity.size
+    at = np.unique(np.linspace(1, m - 2, GRID).astype(int))
+    after = np.arange(m) >= at[:, None]
+    out = []
+    for _, template in _templates(white.stretch):
+        seen = white.project(after * template)
+        out.append(np.interp(np.arange(m), at, np.einsum("ij,ij->i", seen, seen)))
+    return out
+
+
+def _away(time: FloatArray, drive: FloatArray, stretch: Stretch) -> NDArray[np.bool_]:
+    """Which thinned samples lie away from every turning point; shape (m,)."""
+    cut = slice(stretch.begin, stretch.end)
+    way = np.sign(np.gradient(drive[cut]))
+    corner = np.append(np.diff(way) != 0, False)
+    half = max(1, round(CORNER_S / max(float(np.median(np.diff(time[cut]))), 1e-12)))
+    near = np.convolve(corner, np.ones(2 * half + 1), mode="same") > 0
+    return stretch.thinned(near.astype(float)) == 0.0
+
+
+def _best(
+    cause: str, k: int, row: int, shares: FloatArray, size: FloatArray,
+    usable: NDArray[np.bool_], stretch: Stretch,
+) -> Peak | None:  # fmt: skip
+    number = np.cumsum(shares[::-1])[::-1]
+    usable = usable & (size > EDGE * float(size.max())) & (size > FINE**-2)
+    usable[:BEGIN] = usable[-END:] = False
+    if not usable.any():
+        return None
+    share = number / np.maximum(size, 1e-300)
+    if cause == DROP:
+        share = np.maximum(share, 0.0)  # samples can be lost, not won
+    # an instant inside a thinned sample shows as two parts of a step
+    gained = np.where(usable & (np.abs(share) > PART), 0.5 * share**2 * size, 0.0)
+    best = int(np.argmax(gained))
+    if gained[best] <= 0.0:
+        return None
+    count = int(np.sign(share[best]) * max(1.0, np.rint(np.abs(share[best]))))
+    at = stretch.begin + best * stretch.factor
+    return Peak(cause, k, row, at, count, float(gained[best]))

@@ -1,0 +1,87 @@
+"""Limits of amplifier and sensor, and clocks that differ, on drives with closed forms."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from piezo_rig.causes import CAUSES
+from piezo_rig.causes.cause import Cause, Context
+from piezo_rig.chain import Elements, Maxwell, Model, Signal
+
+TIME = np.arange(0.0, 1.0, 1e-3)
+TRIANGLE = 60.0 * (1.0 - np.abs(1.0 - 2.0 * TIME))  # up and down at 120 V/s
+MAXWELL = Maxwell.of(Elements.from_curve(np.linspace(2.0, 60.0, 30), np.linspace(0.1, 0.15, 30)))
+
+
+def acted(id, drive=TRIANGLE, displacement=TRIANGLE, **values):
+    return CAUSES[id].of(None, **values).act(Signal(TIME, drive, displacement))
+
+
+def test_an_amplifier_that_can_follow_is_not_slowed():
+    assert acted("slew-limit", limit=121.0).drive_v == pytest.approx(TRIANGLE)
+
+
+def test_a_slow_amplifier_meets_its_command_on_the_way_back():
+    driven = acted("slew-limit", limit=40.0).drive_v
+    # rising at 40 V/s from rest it meets the line that falls at 120 V/s from 60 V at 0.75 s
+    assert TIME[np.argmax(driven)] == pytest.approx(0.75, abs=2e-3)
+    assert driven.max() == pytest.approx(30.0, abs=0.1)
+    assert np.max(np.abs(np.diff(driven))) <= 40.0 * 1e-3 + 1e-12
+
+
+def test_behind_a_clipped_drive_the_hysteresis_starts_back_from_the_limit():
+    model = Model((MAXWELL,))
+    drive = model.with_stage(CAUSES["drive-clipping"].of(None, lower=-1000.0, upper=45.0))
+    level = float(model.simulate(TIME, TRIANGLE)[np.searchsorted(TRIANGLE[:500], 45.0)])
+    sensor = model.with_stage(CAUSES["sensor-clipping"].of(None, level=level))
+    x, y = drive.simulate(TIME, TRIANGLE), sensor.simulate(TIME, TRIANGLE)
+    assert x[:500] == pytest.approx(y[:500], abs=0.02)  # rising, one looks like the other
+    # back from the top: the clipped drive moves again as soon as it is below 45 V, the hidden
+    # motion has its hysteresis behind it and comes out of the limit later
+    assert np.flatnonzero(x < x.max() - 0.02)[-1] > 700
+    assert np.argmax((x < x.max() - 0.02) & (TIME > 0.6)) < np.argmax(
+        (y < y.max() - 0.02) & (TIME > 0.6)
+    )
+
+
+def test_a_clipped_sensor_ends_above_or_below_its_zero():
+    x = TRIANGLE - 30.0 + 30.0
+    assert acted("sensor-clipping", displacement=x, level=10.0).displacement_um.max() == 10.0
+    assert acted("sensor-clipping", displacement=-x, level=-10.0).displacement_um.min() == -10.0
+
+
+def test_a_fast_digitizer_sees_everything_later_and_later():
+    seen = acted("clock-ratio", displacement=5.0 * TIME, ppm=1000.0).displacement_um
+    assert seen == pytest.approx(5.0 * TIME / 1.001, abs=1e-12)
+
+
+@pytest.mark.parametrize("id", ["drive-clipping", "slew-limit", "sensor-clipping", "clock-ratio"])
+def test_limits_are_played_and_found_by_examples_that_do_something(id):
+    kind = CAUSES[id]
+    assert issubclass(kind, Cause)
+    assert kind.locked_to == "drive"
+    model = Model((MAXWELL,))
+    plain = model.simulate(TIME, TRIANGLE)
+    context = Context(model, float(np.ptp(plain)), 60.0, np.array([120.0]), 1e-3, 1.0, 1000.0)
+    forms = kind.variants(context)
+    assert forms
+    for (trial,) in forms:
+        assert np.any(model.with_stage(trial).simulate(TIME, TRIANGLE) != plain)
+
+
+@pytest.mark.parametrize("id", ["fringe-jump", "dropped-samples"])
+def test_events_are_left_out_of_simulations(id):
+    kind = CAUSES[id]
+    assert kind.locked_to == "clock"
+    stage = kind.of(None, **dict.fromkeys(kind.units, 3.0))
+    model = Model((MAXWELL,))
+    assert np.array_equal(
+        model.with_stage(stage).simulate(TIME, TRIANGLE), model.simulate(TIME, TRIANGLE)
+    )
+
+
+def test_a_limit_that_nothing_reaches_is_not_reported():
+    stage = CAUSES["drive-clipping"].of(None, lower=-1000.0, upper=70.0)
+    assert isinstance(stage, Cause)
+    assert set(stage.reported(np.diag([0.0, 0.01]))) == {"upper"}
