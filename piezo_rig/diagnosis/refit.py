@@ -26,6 +26,7 @@ STEPS = 5
 HALVED = 8
 SETTLED = 0.05  # standard errors
 BEND = 0.05  # plausible second difference of compliances, of their mean
+UNKNOWN = 1e6  # variance of what no data know, in squared examples
 TOGETHER = 3.0  # samples that count as one, for the weight of that
 
 
@@ -108,6 +109,8 @@ def parameter_step(
             information[j, j] += point.sizes[j][2] ** -2  # damped: data may not know it
     size = np.array([s for _, _, s in point.sizes])
     scaled = information * np.outer(size, size)
+    if not np.trace(scaled) > 0.0:  # these pieces know nothing of it, as of a level never reached
+        return np.zeros(q), UNKNOWN * np.diag(size**2)
     scaled += 1e-12 * np.trace(scaled) / q * np.eye(q)
     covariance = np.asarray(np.linalg.inv(scaled), float) * np.outer(size, size)
     free = np.array([not (held and _optional(point, id, n)) for id, n in point.names])
