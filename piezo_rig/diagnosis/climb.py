@@ -359,7 +359,10 @@ class _Search:
             limits = stage.limits if isinstance(stage, Cause) else {}
             value = float(np.clip(value, *limits.get(names[0], (-np.inf, np.inf))))
             moved = point.model.with_stage(stage.with_values(**{names[0]: value}))
-            there = refit(self.space, replace(point, model=moved), held=True)
+            try:
+                there = refit(self.space, replace(point, model=moved), held=True)
+            except (InputError, np.linalg.LinAlgError):
+                break  # nothing is left to fit so far out, as beyond a level that is reached
             if there.evidence < fitted.evidence + NEEDED:
                 break
             fitted = there

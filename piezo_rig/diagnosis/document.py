@@ -6,6 +6,7 @@ from typing import Any
 
 from piezo_rig.chain import Parameter
 from piezo_rig.diagnosis.diagnose import Diagnosis, Finding
+from piezo_rig.diagnosis.early.reported import Several
 
 SCHEMA = "piezo-rig/diagnosis/1"
 
@@ -46,12 +47,18 @@ def _finding(f: Finding) -> dict[str, Any]:
         "gain_percent": _short(f.gain_percent),
         "gain_ci95": None if f.gain_ci95 is None else [_short(x) for x in f.gain_ci95],
         "parameters": {
-            n: {"value": _short(p.value), "unit": p.unit,
+            n: {"value": _values(p), "unit": p.unit,
                 "ci95": None if p.ci95 is None else [_short(x) for x in p.ci95]}
             for n, p in f.parameters.items()
         },
         "alternatives": f.alternatives,
     }  # fmt: skip
+
+
+def _values(p: Parameter) -> float | list[float | None] | None:
+    """One value, or a list where there are several events."""
+    several = p.values if isinstance(p, Several) else ()
+    return [_short(x) for x in several] if len(several) > 1 else _short(p.value)
 
 
 def _short(x: float | None) -> float | None:
@@ -86,7 +93,11 @@ def text(d: Diagnosis) -> list[str]:
             f"chance of a false alarm {finding.p_value:.2g}"
         )
         for name, p in finding.parameters.items():
-            lines.append(f"          {name} = {_number(p)}")
+            several = p.values if isinstance(p, Several) else ()
+            shown = _number(p)
+            if len(several) > 1:
+                shown = ", ".join(f"{x:.4g}" for x in several) + f" {p.unit}"
+            lines.append(f"          {name} = {shown}")
         if finding.alternatives:
             lines.append(f"          cannot be told from: {', '.join(finding.alternatives)}")
     for cause, reason in d.refused.items():
