@@ -1,8 +1,9 @@
 """The ladder: which causes the data ask for, one after the other.
 
 Forward selection: every cause of the catalogue is scored against the refitted model; the best is
-accepted if its family-wise chance is below 1 %, the model is extended, refitted with all
-parameters and linearised anew. Afterwards members that are no longer needed are dropped.
+accepted if its family-wise chance is below `LEVEL`, the model is extended, refitted with all
+parameters and linearised anew. Members that are no longer needed are dropped on the way; at the
+end the ladder is climbed once more around members that others could stand in for.
 """
 
 from __future__ import annotations
@@ -12,16 +13,17 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
 
 from piezo_rig.causes import CAUSES
 from piezo_rig.causes.cause import Cause
 from piezo_rig.chain.bend import Bend
 from piezo_rig.diagnosis.confusion import strengths
 from piezo_rig.diagnosis.fit import Point
+from piezo_rig.diagnosis.forms import further, reached
 from piezo_rig.diagnosis.likelihood import Likelihood, reduce
+from piezo_rig.diagnosis.needed import does_nothing, needless, worth_needed
 from piezo_rig.diagnosis.refit import Fitted, refit, settle
-from piezo_rig.diagnosis.scan import FINER, LEVEL, Found, Scan, extended, scan, score_powers
+from piezo_rig.diagnosis.scan import LEVEL, Found, Scan, extended, scan, score_powers
 from piezo_rig.diagnosis.space import Space
 from piezo_rig.errors import InputError
 
@@ -29,17 +31,11 @@ FloatArray = NDArray[np.float64]
 MOST = 8  # findings
 LATER = 0.002  # chance of a false alarm for each finding after the first: there are several looks
 CLOSE, RUN_OFF = 0.4, 3  # share of the best score, and how many are refitted to compare
-DIFFERENT = 1e-4  # a member must differ from nothing at this level
 SAFE = 20.0  # times what a table must be worth: not looked at again
 NEEDED = 3.0  # log-likelihood that decides between models
 LARGE = 300.0  # log-likelihood above which the linear start is not trusted
-PLAIN = 20.0  # log-likelihood above which all forms of a law are refitted
-PARABOLAS = 2
-FURTHER, FURTHER_BY = 4, 1.4
 WEAK, SHADOW = 10.0, 15.0  # d' and log-likelihood that leave an effect in doubt beside such laws
 OFF = 2.0  # an effect must be so many times what a law may be off by
-FORMS, WIDER = (0.0, 1.0), 1.5  # tapers of a law; step over its reach
-FADES = 4.0  # log-likelihood by which a law that fades out must be better
 ROUNDS, DETOURS, FEW = 2, 2, 3
 RIVAL = 0.4  # score of a rival, of the member's own
 FAR_OFF, HELPS = 2.0, 0.97  # so many times the noise; held-out error after a step, of that before
@@ -68,7 +64,6 @@ class Ladder:
     first: Fitted
     steps: tuple[Step, ...]
     scans: tuple[Scan, ...]
-    notes: list[str] = field(default_factory=list)
 
     @property
     def last(self) -> Fitted:
@@ -84,7 +79,7 @@ def climb(
     noise_nm: float,
     others: int = 0,
 ) -> Ladder:
-    """Forward selection from a fitted baseline, with exchanges at the end.
+    """Forward selection from a fitted baseline, with detours at the end.
 
     Causes that are about as likely are refitted, and the most likely refit is taken; one that
     predicts what it was not fitted to worse than the model without it is refused.
@@ -176,8 +171,7 @@ class _Search:
         fitted = refit(self.space, Point(bent, False, here.point.sizes), held=True)
         if self.worse(fitted, here) is not None:
             return False
-        self.steps.append(Step(BEND, p, fitted))
-        self.barred = {k: why for k, why in self.barred.items() if why != OF_THE_MISFIT}
+        self.accept(Step(BEND, p, fitted))
         return True
 
     def take(
@@ -191,7 +185,7 @@ class _Search:
         for i in close:
             fitted = self.refitted(here, found, int(i))
             if fitted is not None:
-                fitted = self.reached(fitted, result.ids[i], here)
+                fitted = reached(self.space, fitted, result.ids[i], here)
                 worth = fitted.evidence - here.evidence - 2.0 * result.null_median[i]
                 tried.append((worth, int(i), fitted))
         for worth, i, fitted in sorted(self.carrying(tried), key=lambda t: -t[0]):
@@ -204,11 +198,15 @@ class _Search:
                 self.barred[id] = worse
                 continue
             rivals = tuple(result.ids[j] for w, j, _ in tried if j != i and w > worth - NEEDED)
-            self.steps.append(Step(id, float(family[i]), fitted, rivals))
-            self.barred = {k: why for k, why in self.barred.items() if why != OF_THE_MISFIT}
+            self.accept(Step(id, float(family[i]), fitted, rivals))
             self.prune()
             return True
         return bool(close)
+
+    def accept(self, step: Step) -> None:
+        """Add a rung; what was refused only because the model was far off may be tried again."""
+        self.steps.append(step)
+        self.barred = {k: why for k, why in self.barred.items() if why != OF_THE_MISFIT}
 
     def carrying(self, tried: list[tuple[float, int, Fitted]]) -> list[tuple[float, int, Fitted]]:
         """Those rivals that predict data which they have not seen about as well as the best.
@@ -269,103 +267,16 @@ class _Search:
             point = extended(self.space, here, candidate, columns, found.likelihood, form)
             fitted = refit(self.space, point, held=True)
             if fitted.evidence > here.evidence + LARGE:
-                fitted = self.further(fitted, candidate.id)
+                fitted = further(self.space, fitted, candidate.id)
         except (InputError, np.linalg.LinAlgError):
             fitted = None  # at the size that the data ask for it cannot even be played
-        if fitted is None or _does_nothing(fitted.point, candidate.id) or (
-            _needless(fitted, [candidate.id]) is not None
+        if fitted is None or does_nothing(fitted.point, candidate.id) or (
+            needless(fitted, [candidate.id]) is not None
         ):  # fmt: skip
             self.barred[candidate.id] = (
                 "once refitted it came out at a limit, or no different from nothing"
             )
             return None
-        return fitted
-
-    def reached(self, fitted: Fitted, id: str, than: Fitted) -> Fitted:
-        """The reach of a law where the evidence is largest, by parabolas over its logarithm.
-
-        The form and the reach of an effect that is plain to see are looked for anew: those of its
-        beginning were chosen when everything else still had to make up for it.
-        """
-        stage = fitted.point.model.stage(id)
-        if stage is None or "reach" not in stage.parameters:
-            return fitted
-        if fitted.evidence > than.evidence + PLAIN:
-            fitted = self.wider(fitted, id)
-        first = fitted.point.model.stage(id)
-        assert first is not None
-        known = {first["reach"]: fitted}
-        step = np.log(FINER[1] / FINER[0])
-        for _ in range(PARABOLAS):
-            best = max(known, key=lambda r: known[r].evidence)
-            for r in (best * np.exp(-step), best * np.exp(step)):
-                if not any(abs(np.log(r / k)) < 0.3 * step for k in known):
-                    known[r] = self.at(known[best], id, reach=r)
-            x = np.log(sorted(known))
-            y = np.array([known[r].evidence for r in sorted(known)])
-            i = int(np.clip(np.argmax(y), 1, x.size - 2))
-            a, b, _ = np.polyfit(x[i - 1 : i + 2] - x[i], y[i - 1 : i + 2], 2)
-            if a < 0 and abs(b) < -4.0 * a * step:
-                r = float(np.exp(x[i] - b / (2.0 * a)))
-                if not any(abs(np.log(r / k)) < 1e-3 for k in known):
-                    known[r] = self.at(known[best], id, reach=r)
-            if 0 < int(np.argmax(y)) < y.size - 1:
-                step *= 0.5
-        likeliest = max(known.values(), key=lambda f: f.evidence)
-        return refit(self.space, likeliest.point, steps=2, held=True)
-
-    def wider(self, fitted: Fitted, id: str) -> Fitted:
-        """The best of a law's forms, each followed over its reach in large steps.
-
-        The thesis's law ends where an element gives way; one that fades out must say more.
-        """
-        start = fitted.point.model.stage(id)
-        assert start is not None
-        best, most = fitted, -np.inf
-        for form in FORMS:
-            here = fitted
-            if start["taper"] != form:
-                here = self.at(fitted, id, taper=form)
-            for factor in (1.0 / WIDER, WIDER):
-                while True:
-                    stage = here.point.model.stage(id)
-                    assert stage is not None
-                    there = self.at(here, id, reach=stage["reach"] * factor)
-                    if there.evidence <= here.evidence:
-                        break
-                    here = there
-            worth = here.evidence - (FADES if form else 0.0)
-            if worth > most:
-                best, most = here, worth
-        return best
-
-    def at(self, fitted: Fitted, id: str, **values: float) -> Fitted:
-        """Refitted with given parameters of a stage moved and held."""
-        stage = fitted.point.model.stage(id)
-        assert stage is not None
-        moved = fitted.point.model.with_stage(stage.with_values(**values))
-        return refit(self.space, replace(fitted.point, model=moved), steps=1, held=True)
-
-    def further(self, fitted: Fitted, id: str) -> Fitted:
-        """A large effect once more from further out: what a small one mimics may hold it back."""
-        for _ in range(FURTHER):
-            point = fitted.point
-            stage = point.model.stage(id)
-            names = [n for i, n in point.names if i == id]
-            if stage is None or not names:
-                break
-            rest = stage.neutral.get(names[0], 0.0)
-            value = rest + FURTHER_BY * (stage[names[0]] - rest)
-            limits = stage.limits if isinstance(stage, Cause) else {}
-            value = float(np.clip(value, *limits.get(names[0], (-np.inf, np.inf))))
-            moved = point.model.with_stage(stage.with_values(**{names[0]: value}))
-            try:
-                there = refit(self.space, replace(point, model=moved), held=True)
-            except (InputError, np.linalg.LinAlgError):
-                break  # nothing is left to fit so far out, as beyond a level that is reached
-            if there.evidence < fitted.evidence + NEEDED:
-                break
-            fitted = there
         return fitted
 
     def prune(self) -> None:
@@ -386,13 +297,13 @@ class _Search:
                 self.tell(f"refit without {id}")
                 self.drop(id, new, refit(self.space, _less(new.fitted.point, id), held=True))
                 new = self.steps[-1]
-        needless = _needless(new.fitted, [c for c in self.causes if c != new.cause])
-        if needless is None:
+        spare = needless(new.fitted, [c for c in self.causes if c != new.cause])
+        if spare is None:
             return
-        self.tell(f"refit without {needless}")
-        less = refit(self.space, _less(new.fitted.point, needless))
+        self.tell(f"refit without {spare}")
+        less = refit(self.space, _less(new.fitted.point, spare))
         if less.evidence >= new.fitted.evidence - NEEDED:
-            self.drop(needless, new, less)
+            self.drop(spare, new, less)
 
     def clear(self) -> None:
         """Drop what is hardly needed beside large effects whose laws are only assumed."""
@@ -474,52 +385,6 @@ class _Search:
         return [*out, self.steps[-1]]
 
 
-def worth_needed(fitted: Fitted, id: str) -> float:
-    """Log-likelihood that a table of its own must be worth: half of what chance gives it."""
-    stage = fitted.point.model.stage(id)
-    assert stage is not None
-    assert stage.elements is not None
-    return 0.25 * len(stage.elements)
-
-
-def _needless(fitted: Fitted, causes: list[str]) -> str | None:
-    """A member whose parameters are not different from doing nothing."""
-    values = fitted.point.values()[fitted.point.linear :]
-    for cause in causes:
-        kind = CAUSES[cause]
-        index = [
-            j
-            for j, (id, name) in enumerate(fitted.point.names)
-            if id == cause
-            and name not in getattr(kind, "priors", {})
-            and name not in getattr(kind, "optional", {})
-        ]
-        if not index:
-            continue
-        off = values[index] - [kind.neutral.get(fitted.point.names[j][1], 0.0) for j in index]
-        covariance = fitted.covariance[np.ix_(index, index)]
-        distance = float(off @ np.linalg.solve(covariance, off))
-        if distance < stats.chi2.isf(DIFFERENT, len(index)):
-            return cause
-    return None
-
-
 def _less(point: Point, cause: str) -> Point:
     sizes = tuple(s for s in point.sizes if s[0] != cause)
     return Point(point.model.without(cause), point.fixed, sizes)
-
-
-def _does_nothing(point: Point, id: str) -> bool:
-    stage = point.model.stage(id)
-    assert stage is not None
-    names = [n for i, n in point.names if i == id]
-    kind = type(stage)
-    scale = {n: s for i, n, s in point.sizes if i == id}
-    if not names:
-        return False
-    for name in names:  # a law that runs into its limit is not this law
-        low, high = getattr(kind, "limits", {}).get(name, (-np.inf, np.inf))
-        if not low < stage[name] < high:
-            return True
-    main = names[0]
-    return abs(stage[main] - kind.neutral.get(main, 0.0)) < 1e-3 * scale[main]

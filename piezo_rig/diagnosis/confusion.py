@@ -12,6 +12,7 @@ from scipy.linalg import cholesky, solve_triangular
 from piezo_rig.causes import CAUSES
 from piezo_rig.causes.cause import Cause
 from piezo_rig.chain import Model
+from piezo_rig.diagnosis.fit import Point
 from piezo_rig.diagnosis.likelihood import reduce
 from piezo_rig.diagnosis.refit import Fitted, covariance_of
 from piezo_rig.diagnosis.scan import candidates
@@ -52,6 +53,18 @@ def strengths(space: Space, fitted: Fitted, causes: Sequence[str]) -> dict[str, 
     return dict(zip(causes, np.sqrt(np.sum(white**2, axis=0)).tolist(), strict=True))
 
 
+def own_columns(point: Point, cause: str) -> list[int]:
+    """Base columns that belong to a cause: its parameters, and its table if it is one."""
+    own = [point.linear + j for j, (id, _) in enumerate(point.names) if id == cause]
+    first = 0
+    for stage in point.tables:
+        assert stage.elements is not None
+        if stage.id == cause:
+            own += list(range(first, first + len(stage.elements)))
+        first += len(stage.elements)
+    return own
+
+
 def confusion(space: Space, fitted: Fitted, cause: str) -> Confusion:
     """d' and cosines of an accepted cause about the full model.
 
@@ -69,16 +82,8 @@ def confusion(space: Space, fitted: Fitted, cause: str) -> Confusion:
             continue
         columns[c.id] = c.columns(len(pairs))
         pairs += c.pairs(less)
-    own = [fitted.point.linear + j for j, (id, _) in enumerate(fitted.point.names) if id == cause]
-    point = fitted.point
-    kind = CAUSES[cause]
-    if kind.has_elements:  # its table is the finding, not part of the base
-        at = 0
-        for stage in point.tables:
-            assert stage.elements is not None
-            if stage.id == cause:
-                own += list(range(at, at + len(stage.elements)))
-            at += len(stage.elements)
+    own = own_columns(fitted.point, cause)
+    point, kind = fitted.point, CAUSES[cause]
     linear = space.linear(point, pairs)
     reduced = reduce(linear, free=own)
     sigma = covariance_of(reduced, fitted.scales)

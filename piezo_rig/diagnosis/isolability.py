@@ -19,10 +19,10 @@ from scipy.linalg import cholesky, solve_triangular
 from piezo_rig.causes import CAUSES
 from piezo_rig.causes.cause import Cause
 from piezo_rig.chain import Model
-from piezo_rig.diagnosis.confusion import APART
+from piezo_rig.diagnosis.confusion import APART, own_columns
 from piezo_rig.diagnosis.groups import Groups
 from piezo_rig.diagnosis.likelihood import Reduced, reduce
-from piezo_rig.diagnosis.refit import Fitted, covariance_of, settle
+from piezo_rig.diagnosis.refit import Fitted, changed_um, covariance_of, settle
 from piezo_rig.diagnosis.scan import VISIBLE, candidates
 from piezo_rig.diagnosis.space import Space
 
@@ -78,7 +78,7 @@ def isolability(space: Space, fitted: Fitted) -> Isolability:
     """Cosines among all causes that these data could show, about the final model."""
     settle(space, fitted.point)
     point, model = fitted.point, fitted.point.model
-    members = [s.id for s in model.stages if isinstance(s, Cause) and _free(fitted, s.id)]
+    members = [s.id for s in model.stages if isinstance(s, Cause) and own_columns(point, s.id)]
     pairs: list[tuple[Model, Model]] = [(model.without(c), model) for c in members]
     forms: dict[str, list[list[int]]] = {c: [[i]] for i, c in enumerate(members)}
     for candidate in candidates(space, model)[0]:
@@ -87,7 +87,7 @@ def isolability(space: Space, fitted: Fitted) -> Isolability:
     own: list[int] = []
     at: dict[str, list[int]] = {}
     for c in members:
-        columns = _free(fitted, c)
+        columns = own_columns(point, c)
         at[c] = list(range(len(pairs) + len(own), len(pairs) + len(own) + len(columns)))
         own += columns
     reduced = reduce(space.linear(point, pairs), free=own)
@@ -109,7 +109,7 @@ def isolability(space: Space, fitted: Fitted) -> Isolability:
         fitted_too = tuple(k for o in members if o != c for k in at[o])
         times = 1.0 if mine else _largest(c)
         d_prime[i] = times * _norm(white.off(fitted_too))[best[c]]
-        size[i] = times * _rms_nm(space, *pairs[best[c]])
+        size[i] = times * 1e3 * changed_um(space, *pairs[best[c]])
         for j, o in enumerate(causes):
             if i == j:
                 continue
@@ -120,19 +120,6 @@ def isolability(space: Space, fitted: Fitted) -> Isolability:
             apart[i, j] = times * np.sqrt(max(1.0 - x * x, 0.0) * (delta @ delta))
     found = np.array([c in members for c in causes], bool)
     return Isolability(causes, found, d_prime, size, cosine, apart)
-
-
-def _free(fitted: Fitted, cause: str) -> list[int]:
-    """Base columns that belong to a cause: its parameters, and its table if it is one."""
-    point = fitted.point
-    own = [point.linear + j for j, (id, _) in enumerate(point.names) if id == cause]
-    first = 0
-    for stage in point.tables:
-        assert stage.elements is not None
-        if stage.id == cause:
-            own += list(range(first, first + len(stage.elements)))
-        first += len(stage.elements)
-    return own
 
 
 class _White:
@@ -200,14 +187,3 @@ def _largest(cause: str) -> float:
     kind = CAUSES[cause]
     assert issubclass(kind, Cause)
     return kind.largest
-
-
-def _rms_nm(space: Space, before: Model, after: Model) -> float:
-    """Rms of what a change of model does to the displacement, blocks centred."""
-    square = count = 0.0
-    for g in space.groups.groups:
-        change = g.predicted(after) - g.predicted(before)
-        for a, b in g.blocks:
-            square += float(np.sum((change[a:b] - change[a:b].mean()) ** 2))
-            count += b - a
-    return 1e3 * float(np.sqrt(square / max(count, 1.0)))

@@ -194,6 +194,17 @@ def _likelihood(point: Point, linear: Linear) -> tuple[Likelihood, range]:
     return Likelihood(reduce(linear, free=range(n, n + q))), range(-q, 0)
 
 
+def changed_um(space: Space, before: Model, after: Model) -> float:
+    """Rms of what a change of model does to the displacement, blocks centred."""
+    square = count = 0.0
+    for g in space.groups.groups:
+        change = g.predicted(after) - g.predicted(before)
+        for a, b in g.blocks:
+            square += float(np.sum((change[a:b] - change[a:b].mean()) ** 2))
+            count += b - a
+    return float(np.sqrt(square / max(count, 1.0)))
+
+
 def laws_of(space: Space, model: Model) -> FloatArray:
     """Variance of every dictionary column that the causes' assumed laws leave open, um^2."""
     out = np.zeros(len(space.tags))
@@ -201,14 +212,7 @@ def laws_of(space: Space, model: Model) -> FloatArray:
         if not isinstance(stage, Cause) or not stage.law[0]:
             continue
         tags, share = stage.law
-        less = model.without(stage.id)
-        square = count = 0.0
-        for g in space.groups.groups:
-            change = g.predicted(model) - g.predicted(less)
-            for a, b in g.blocks:
-                square += float(np.sum((change[a:b] - change[a:b].mean()) ** 2))
-                count += b - a
-        size = share * np.sqrt(square / count)
+        size = share * changed_um(space, model.without(stage.id), model)
         for k, tag in enumerate(space.tags):
             if tag in tags:
                 out[k] += size**2

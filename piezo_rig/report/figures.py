@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -23,16 +25,23 @@ def _figure(rows: int, columns: int, size: tuple[float, float]) -> tuple[Any, An
     return figure, figure.subplots(rows, columns, squeeze=False)
 
 
-def save(figure: Any, path: Path) -> Path:
-    """Write a figure; a disk that refuses is an error like any other."""
+@contextmanager
+def place_for(path: Path) -> Iterator[None]:
+    """A folder to write to; a disk that refuses is an error like any other."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        figure.savefig(path, dpi=120)
+        yield
     except OSError as error:
         raise BenchError(
             "disk", f"could not write {path}: {error.strerror or error}",
             "the disk is full, or the folder is not yours to write", "give another place",
         ) from None
+
+
+def save(figure: Any, path: Path) -> Path:
+    """Write a figure; BenchError when the disk refuses."""
+    with place_for(path):
+        figure.savefig(path, dpi=120)
     return path
 
 

@@ -14,9 +14,9 @@ import numpy as np
 
 from piezo_rig.diagnosis import Diagnosis
 from piezo_rig.diagnosis.isolability import isolability
-from piezo_rig.errors import BenchError
 from piezo_rig.report.assets import script, style
 from piezo_rig.report.closer import closer_html
+from piezo_rig.report.figures import place_for
 from piezo_rig.report.ladder_svg import ladder_svg
 from piezo_rig.report.matrix import matrix_html
 from piezo_rig.report.residuals import Residuals
@@ -47,14 +47,8 @@ def report_page(
     BenchError : the disk refuses
     """
     text = page(title, found, files, hashes or {})
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
+    with place_for(path):
         path.write_text(text, encoding="utf-8", newline="\n")
-    except OSError as error:
-        raise BenchError(
-            "disk", f"could not write {path}: {error.strerror or error}",
-            "the disk is full, or the folder is not yours to write", "give another place",
-        ) from None
     return path
 
 

@@ -1,0 +1,115 @@
+"""Where a refit should begin: further out for large effects, and at which form and reach for laws.
+
+A refit goes downhill from where a linear look put it. That look was taken while other causes were
+missing, which the new one then seemed to make up for.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from piezo_rig.causes.cause import Cause
+from piezo_rig.diagnosis.refit import Fitted, refit
+from piezo_rig.diagnosis.scan import FINER
+from piezo_rig.diagnosis.space import Space
+from piezo_rig.errors import InputError
+
+BETTER = 3.0  # log-likelihood by which a refit from further out must be better
+PLAIN = 20.0  # log-likelihood above which all forms of a law are refitted
+PARABOLAS = 2
+FURTHER, FURTHER_BY = 4, 1.4
+FORMS, WIDER = (0.0, 1.0), 1.5  # tapers of a law; step over its reach
+FADES = 4.0  # log-likelihood by which a law that fades out must be better
+
+
+def further(space: Space, fitted: Fitted, id: str) -> Fitted:
+    """A large effect once more from further out: what a small one mimics may hold it back."""
+    for _ in range(FURTHER):
+        point = fitted.point
+        stage = point.model.stage(id)
+        names = [n for i, n in point.names if i == id]
+        if stage is None or not names:
+            break
+        rest = stage.neutral.get(names[0], 0.0)
+        value = rest + FURTHER_BY * (stage[names[0]] - rest)
+        limits = stage.limits if isinstance(stage, Cause) else {}
+        value = float(np.clip(value, *limits.get(names[0], (-np.inf, np.inf))))
+        moved = point.model.with_stage(stage.with_values(**{names[0]: value}))
+        try:
+            there = refit(space, replace(point, model=moved), held=True)
+        except (InputError, np.linalg.LinAlgError):
+            break  # nothing is left to fit so far out, as beyond a level that is reached
+        if there.evidence < fitted.evidence + BETTER:
+            break
+        fitted = there
+    return fitted
+
+
+def reached(space: Space, fitted: Fitted, id: str, than: Fitted) -> Fitted:
+    """The reach of a law where the evidence is largest, by parabolas over its logarithm.
+
+    The form and the reach of an effect that is plain to see are looked for anew: those of its
+    beginning were chosen when everything else still had to make up for it.
+    """
+    stage = fitted.point.model.stage(id)
+    if stage is None or "reach" not in stage.parameters:
+        return fitted
+    if fitted.evidence > than.evidence + PLAIN:
+        fitted = _wider(space, fitted, id)
+    first = fitted.point.model.stage(id)
+    assert first is not None
+    known = {first["reach"]: fitted}
+    step = np.log(FINER[1] / FINER[0])
+    for _ in range(PARABOLAS):
+        best = max(known, key=lambda r: known[r].evidence)
+        for r in (best * np.exp(-step), best * np.exp(step)):
+            if not any(abs(np.log(r / k)) < 0.3 * step for k in known):
+                known[r] = _at(space, known[best], id, reach=r)
+        x = np.log(sorted(known))
+        y = np.array([known[r].evidence for r in sorted(known)])
+        i = int(np.clip(np.argmax(y), 1, x.size - 2))
+        a, b, _ = np.polyfit(x[i - 1 : i + 2] - x[i], y[i - 1 : i + 2], 2)
+        if a < 0 and abs(b) < -4.0 * a * step:
+            r = float(np.exp(x[i] - b / (2.0 * a)))
+            if not any(abs(np.log(r / k)) < 1e-3 for k in known):
+                known[r] = _at(space, known[best], id, reach=r)
+        if 0 < int(np.argmax(y)) < y.size - 1:
+            step *= 0.5
+    likeliest = max(known.values(), key=lambda f: f.evidence)
+    return refit(space, likeliest.point, steps=2, held=True)
+
+
+def _wider(space: Space, fitted: Fitted, id: str) -> Fitted:
+    """The best of a law's forms, each followed over its reach in large steps.
+
+    The thesis's law ends where an element gives way; one that fades out must say more.
+    """
+    start = fitted.point.model.stage(id)
+    assert start is not None
+    best, most = fitted, -np.inf
+    for form in FORMS:
+        here = fitted
+        if start["taper"] != form:
+            here = _at(space, fitted, id, taper=form)
+        for factor in (1.0 / WIDER, WIDER):
+            while True:
+                stage = here.point.model.stage(id)
+                assert stage is not None
+                there = _at(space, here, id, reach=stage["reach"] * factor)
+                if there.evidence <= here.evidence:
+                    break
+                here = there
+        worth = here.evidence - (FADES if form else 0.0)
+        if worth > most:
+            best, most = here, worth
+    return best
+
+
+def _at(space: Space, fitted: Fitted, id: str, **values: float) -> Fitted:
+    """Refitted with given parameters of a stage moved and held."""
+    stage = fitted.point.model.stage(id)
+    assert stage is not None
+    moved = fitted.point.model.with_stage(stage.with_values(**values))
+    return refit(space, replace(fitted.point, model=moved), steps=1, held=True)
