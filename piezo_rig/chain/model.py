@@ -18,6 +18,7 @@ from piezo_rig.errors import InputError
 
 FloatArray = NDArray[np.float64]
 LONG_AGO_S = 1e7
+KEPT = 4
 
 
 class Memo:
@@ -30,6 +31,17 @@ class Memo:
     def __init__(self) -> None:
         self._of: object = None
         self._known: dict[tuple[object, ...], Any] = {}
+        self._whole: dict[int, tuple[Model, FloatArray]] = {}
+
+    def whole(self, model: Model, make: Callable[[], FloatArray]) -> FloatArray:
+        """All that the latest few models made of the drive, not to be written to."""
+        if id(model) not in self._whole:
+            while len(self._whole) >= KEPT:
+                self._whole.pop(next(iter(self._whole)))
+            made = make()
+            made.flags.writeable = False
+            self._whole[id(model)] = (model, made)  # held, so that its id stays its own
+        return self._whole[id(model)][1]
 
     def remember(self, model: Model) -> None:
         """From now on what this model does is kept, and nothing of what was kept before."""

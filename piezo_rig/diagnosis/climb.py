@@ -114,7 +114,7 @@ class _Search:
     barred: dict[str, str] = field(default_factory=dict)
     rearranged: bool = False
     safe: set[str] = field(default_factory=set)  # tables that nothing can stand in for
-    errors: dict[tuple[int, int], tuple[float, Fitted]] = field(default_factory=dict)
+    errors: dict[tuple[int, int], tuple[float, Point]] = field(default_factory=dict)
 
     @property
     def fitted(self) -> Fitted:
@@ -252,9 +252,9 @@ class _Search:
 
     def error(self, k: int, fitted: Fitted) -> float:
         """Held-out error of a rung by the k-th way of holding out."""
-        key = (k, id(fitted))
+        key = (k, id(fitted.point))
         if key not in self.errors:
-            self.errors[key] = (self.held_out[k][0](fitted), fitted)
+            self.errors[key] = (self.held_out[k][0](fitted), fitted.point)
         return self.errors[key][0]
 
     def refitted(self, here: Fitted, found: Found, i: int) -> Fitted | None:

@@ -14,7 +14,7 @@ from piezo_rig.causes.cause import Cause, FirstSpring
 from piezo_rig.chain import Model, Parameter
 from piezo_rig.diagnosis import engine
 from piezo_rig.diagnosis.checks import baseline_warnings, data_warnings
-from piezo_rig.diagnosis.climb import BEND, Ladder, climb
+from piezo_rig.diagnosis.climb import BEND, climb
 from piezo_rig.diagnosis.confusion import confusion
 from piezo_rig.diagnosis.early import TRIED, clean_up, find_line, noise_floor_nm
 from piezo_rig.diagnosis.first_spring import offset_of, with_offset
@@ -135,13 +135,20 @@ def diagnose(
     space, folds = engine.space_of(clean, spectrum, start.point.model)
     first = refit(space, start.point)
 
-    def carries_over(fitted: Fitted) -> float:
-        return held_out_errors(space, fitted, folds).rms_nm
-
     kind = reported_kind(clean, folds)
+    known: dict[int, tuple[Point, Errors]] = {}
+
+    def errors(fitted: Fitted) -> Errors:
+        key = id(fitted.point)  # held, so that it stays its own; the matrices are too large for it
+        if key not in known:
+            known[key] = fitted.point, held_out_errors(space, fitted, kind)
+        return known[key][1]
 
     def reported(fitted: Fitted) -> float:
-        return held_out_errors(space, fitted, kind).rms_nm
+        return errors(fitted).rms_nm
+
+    def carries_over(fitted: Fitted) -> float:
+        return held_out_errors(space, fitted, folds).rms_nm
 
     # conditions that were left out ask for extrapolation: only a model that runs away is refused
     floor = noise_floor_nm(clean)
@@ -151,7 +158,13 @@ def diagnose(
         gates.append((carries_over, AWAY))
     ladder = climb(space, first, rng, tell, gates, floor or space.noise_nm, others=tried)
     tell("held out")
-    rungs, gains = _rungs(raw, stages, space, kind, ladder, rng, baseline)
+    name = baseline if isinstance(baseline, str) else (baseline.name or "given model")
+    rungs, gains = _rungs(
+        [name, *(cause for cause, _ in stages), *(s.cause for s in ladder.steps)],
+        [*(held_out_errors(space, ladder.first, kind, g) for g in (raw, *(g for _, g in stages))),
+         *(errors(s.fitted) for s in ladder.steps)],
+        rng,
+    )  # fmt: skip
     if kind != folds and folds in ("condition", "sweep"):
         ends = carries_over(ladder.first), carries_over(ladder.last)
         notes.append(
@@ -166,7 +179,6 @@ def diagnose(
     tell("what can be told apart")
     last = ladder.last
     settle(space, last.point)
-    name = baseline if isinstance(baseline, str) else (baseline.name or "given model")
     model = final_model(last, name)
     confused: dict[str, list[str]] = {}
     for i, step in enumerate(ladder.steps):
@@ -245,19 +257,9 @@ def _plain_space(groups: Groups, model: Model) -> Space:
 
 
 def _rungs(
-    raw: Groups, stages: list[tuple[str, Groups]], space: Space, kind: str, ladder: Ladder,
-    rng: np.random.Generator, baseline: str | Model,
-) -> tuple[list[Rung], list[tuple[float | None, list[float] | None]]]:  # fmt: skip
+    names: Sequence[str], errors: Sequence[Errors], rng: np.random.Generator
+) -> tuple[list[Rung], list[tuple[float | None, list[float] | None]]]:
     """Errors of every rung, and the gain of each against the one before."""
-    name = baseline if isinstance(baseline, str) else (baseline.name or "given model")
-    errors: list[Errors] = [held_out_errors(space, ladder.first, kind, raw)]
-    names = [name]
-    for cause, groups in stages:
-        names.append(cause)
-        errors.append(held_out_errors(space, ladder.first, kind, groups))
-    for step in ladder.steps:
-        names.append(step.cause)
-        errors.append(held_out_errors(space, step.fitted, kind))
     rungs, count = [], 0
     for i, (added, e) in enumerate(zip(names, errors, strict=True)):
         mine = i > 0 and added != BEND

@@ -139,7 +139,7 @@ class Point:
         near = self.neighbours(first)
         out = np.empty((len(near), base.size))
         for j, (model, step) in enumerate(near):
-            np.subtract(group.predicted(model), base, out=out[j])
+            np.subtract(group.predicted_once(model), base, out=out[j])
             out[j] /= step
         return base, out
 

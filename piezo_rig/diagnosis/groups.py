@@ -63,6 +63,10 @@ class Group:
 
     def predicted(self, model: Model) -> FloatArray:
         """What the sensor would show, clock-locked stages of the model included; shape (n,)."""
+        return self.memo.whole(model, lambda: self.predicted_once(model))
+
+    def predicted_once(self, model: Model) -> FloatArray:
+        """`predicted` of a model that nobody asks for again."""
         moved = model.simulate(self.time_s, self.drive_v, self.history, memo=self.memo)
         for stage in model.stages:
             if stage.locked_to == "clock":

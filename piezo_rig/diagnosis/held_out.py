@@ -119,7 +119,7 @@ def _left_out(space: Space, fitted: Fitted, measured: Groups) -> Errors:
     point, n = fitted.point, fitted.point.linear
     most = space.groups.repeats
     settle(space, point)
-    about = space.linear(point)
+    about = space.about(point, fitted.linear)
     squares, counts, of, worst = [], [], [], 0.0
     models = []
     for k in range(most):

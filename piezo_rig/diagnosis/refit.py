@@ -168,8 +168,7 @@ def refit(space: Space, point: Point, steps: int = STEPS, held: bool = False) ->
         point, change = _moved(space, point, linear, change)
         settled = bool(q == 0 or np.all(np.abs(change) <= SETTLED * np.sqrt(np.diag(covariance))))
         if step == 1 and q != 0:
-            space.prepare(point.model)
-            space.law = laws_of(space, point.model)
+            settle(space, point)
             linear = space.linear(point)
         else:
             linear = space.with_residual(linear, point)
@@ -185,7 +184,8 @@ def settle(space: Space, point: Point) -> None:
     """Bring the columns of a space to a model, and what its assumed laws leave open."""
     space.first_rise = point.has_first_rise
     space.prepare(point.model)
-    space.law = laws_of(space, point.model)
+    if space.law_of is not point.model:
+        space.law, space.law_of = laws_of(space, point.model), point.model
 
 
 def _likelihood(point: Point, linear: Linear) -> tuple[Likelihood, range]:

@@ -22,6 +22,7 @@ from piezo_rig.diagnosis.noise import Whitener
 
 FloatArray = NDArray[np.float64]
 MOST_KNOWN, MOST_BANDS = 4, 6  # kept
+NEAR = 0.15  # columns of a model whose numbers are this near serve as well
 Key = tuple[object, ...]
 
 
@@ -43,7 +44,7 @@ class Fixed:
     unwhitened and centred, for sizes in nm.
     """
 
-    white: NDArray[np.float32]
+    white: FloatArray
     gram: FloatArray
     raw: NDArray[np.float32]
 
@@ -99,6 +100,7 @@ class Linear:
     count : shape (k,), recordings x thinned samples
     law : shape (generic,), variance of each dictionary column that the freedom of the accepted
         causes' assumed laws gives it, um^2
+    made_for : which columns of the space they are about
     rows : per piece the whitened and the unwhitened base columns, for another residual
     """
 
@@ -108,6 +110,7 @@ class Linear:
     count: FloatArray
     law: FloatArray
     rows: tuple[tuple[FloatArray, FloatArray], ...] = ()
+    made_for: Key = ()
 
 
 @dataclass(eq=False)
@@ -124,6 +127,7 @@ class Space:
     generic: list[Fixed] = field(default_factory=list)
     counts: tuple[int, int, int] = (0, 0, 0)
     law: FloatArray = field(default_factory=lambda: np.zeros(0))
+    law_of: Model | None = None
     _prepared: Model | None = None
     _known: dict[Key, tuple[Model, list[Fixed], tuple[int, int, int]]] = field(default_factory=dict)
     _bands: dict[Key, list[Bands]] = field(default_factory=dict)
@@ -142,14 +146,7 @@ class Space:
         and are made anew when those have changed by more than a little. The bands of the tables
         go through the same ones: a difference between the two would hold a share of a cause.
         """
-        key = (
-            self.first_rise,
-            *(
-                (s.id, *(_rounded(p.value) for p in s.parameters.values()))
-                for s in model.stages
-                if dictionary.carries(s) and s.locked_to == "drive"
-            ),
-        )
+        key = self._key_near(model)
         if self.fixed and key == self._made_for:
             return
         self._made_for = key
@@ -181,16 +178,32 @@ class Space:
                 if piece.group != index:
                     continue
                 generic = self.generic[len(self.fixed)]
-                rows, raw = self._kept(moved[:, piece.begin : piece.end], group)
-                white, known = rows.astype(float), generic.white.astype(float)
-                cross = white @ known.T
+                white, raw = self._kept(moved[:, piece.begin : piece.end], group)
+                cross = white @ generic.white.T
                 gram = np.block([[white @ white.T, cross], [cross.T, generic.gram]])
                 self.fixed.append(Fixed(
-                    np.concatenate([rows, generic.white]), gram,
+                    np.concatenate([white, generic.white]), gram,
                     np.concatenate([raw, generic.raw]),
                 ))  # fmt: skip
 
         self._known[key] = (model, self.fixed, self.counts)
+
+    def about(self, point: Point, linear: Linear) -> Linear:
+        """Gram matrices about a point: those of a point near by, if of the same columns."""
+        return linear if linear.rows and linear.made_for == self._made_for else self.linear(point)
+
+    def _key_near(self, model: Model) -> Key:
+        """The key of known columns that are near enough to a model's, else the model's own."""
+        stages = [s for s in model.stages if dictionary.carries(s) and s.locked_to == "drive"]
+        key = (
+            self.first_rise,
+            tuple(s.id for s in stages),
+            tuple(p.value for s in stages for p in s.parameters.values()),
+        )
+        for known in (self._made_for, *self._known):
+            if known[:2] == key[:2] and _near(known[2], key[2]):
+                return known
+        return key
 
     def _make_generic(self, model: Model) -> None:
         for index, group in enumerate(self.groups.groups):
@@ -199,21 +212,17 @@ class Space:
             generic = self.groups.thinned(group, made)
             for piece in self.pieces:
                 if piece.group == index:
-                    rows, raw = self._kept(generic[:, piece.begin : piece.end], group)
-                    white = rows.astype(float)
-                    self.generic.append(Fixed(rows, white @ white.T, raw))
+                    white, raw = self._kept(generic[:, piece.begin : piece.end], group)
+                    self.generic.append(Fixed(white, white @ white.T, raw))
 
-    def _kept(
-        self, cut: FloatArray, group: Group
-    ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    def _kept(self, cut: FloatArray, group: Group) -> tuple[FloatArray, NDArray[np.float32]]:
         """Columns of one piece, whitened, and unwhitened and centred.
 
-        Gram matrices are of exactly what is kept: what the base leaves of these columns is far
-        smaller than the columns, and must not drown in mixed roundings.
+        What the base leaves of them is far smaller than they are: the white ones stay exact.
         """
         white = self.whiten(cut, np.sqrt(group.repeats))
         raw = cut - cut.mean(axis=1, keepdims=True)
-        return white.astype(np.float32), raw.astype(np.float32)
+        return white, raw.astype(np.float32)
 
     def whiten(self, rows: FloatArray, weight: float) -> FloatArray:
         """Whitened rows with the piece's offset projected out."""
@@ -246,7 +255,7 @@ class Space:
                 white = self.whiten(cut, weight)
                 known = base.white @ white.T
                 gram = np.block([[base.gram, known], [known.T, white @ white.T]])
-                cross = np.concatenate([base.cross, white @ fixed.white.T.astype(float)])
+                cross = np.concatenate([base.cross, white @ fixed.white.T])
                 whites.append(_assembled(gram, cross, fixed.gram, p, len(trials)))
                 own = np.concatenate([cut[: p - k], cut[-1:]])
                 own = own - own.mean(axis=1, keepdims=True)
@@ -257,7 +266,8 @@ class Space:
                 rows.append((np.concatenate([base.white, white[: p - k]]),
                              np.concatenate([base.raw, own[:-1]])))  # fmt: skip
         law = self.law if self.law.size else np.zeros(self.counts[2])
-        return Linear(layout, np.array(whites), np.array(raws), np.array(counts), law, tuple(rows))
+        return Linear(layout, np.array(whites), np.array(raws), np.array(counts), law, tuple(rows),
+                      self._made_for)  # fmt: skip
 
     def with_residual(self, linear: Linear, point: Point, leave: int | None = None) -> Linear:
         """The same tangent with the residual of a point near by (no trials).
@@ -278,7 +288,7 @@ class Space:
                 cut = left[piece.begin : piece.end]
                 r = self.whiten(cut[None], np.sqrt(group.repeats))[0]
                 columns, own = linear.rows[at]
-                cross = np.concatenate([columns @ r, self.fixed[at].white.astype(float) @ r])
+                cross = np.concatenate([columns @ r, self.fixed[at].white @ r])
                 white[at, :-1, -1] = white[at, -1, :-1] = cross
                 white[at, -1, -1] = r @ r
                 cut = cut - cut.mean()
@@ -297,7 +307,7 @@ class Space:
         for before, after in trials:
             if id(before) not in known:
                 known[id(before)] = group.predicted(before)
-            rows.append((group.predicted(after) - known[id(before)])[None])
+            rows.append((group.predicted_once(after) - known[id(before)])[None])
         mean = group.measured_um.mean(axis=0)
         rows.append((mean - predicted)[None])
         return self.groups.thinned(group, np.concatenate(rows))
@@ -325,7 +335,7 @@ class Space:
                 cut = moved[:, piece.begin : piece.end]
                 white = self.whiten(cut, np.sqrt(group.repeats))
                 raw = cut - cut.mean(axis=1, keepdims=True)
-                fixed = self.fixed[len(out)].white.astype(float)
+                fixed = self.fixed[len(out)].white
                 out.append(Bands(white, raw, white @ white.T, raw @ raw.T, white @ fixed.T))
         self._bands[key] = out
         return out
@@ -355,9 +365,11 @@ class Space:
         )
 
 
-def _rounded(value: float) -> float:
-    """On a scale of steps of a tenth: the columns hardly differ within one."""
-    return float(np.sign(value) * np.round(np.log(max(abs(value), 1e-12)) / np.log(1.1)))
+def _near(known: object, wanted: tuple[float, ...]) -> bool:
+    """Whether the numbers of two models are within `NEAR` of each other, one by one."""
+    assert isinstance(known, tuple)
+    return all(abs(a - b) <= NEAR * max(abs(a), abs(b))
+               for a, b in zip(known, wanted, strict=True))  # fmt: skip
 
 
 def _driven(group: Group, model: Model) -> Group:
