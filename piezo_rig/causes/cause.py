@@ -62,6 +62,8 @@ class Cause(Stage):
         depend on, and by which share of the effect's size each term may be off
     given : parameters that come with the form of an example and are not fitted
     sharp : parameter -> by how much finer than its example it must be varied
+    scanned : an optional parameter that is looked for over its logarithm, and by which factor at
+        first; it has many local optima, or the data say little of it
     needs_speeds : it can be told from the model's own loop only where half loops differ in speed
     needs_first_rise : it can show only where the data hold a first rise from rest
     """
@@ -72,6 +74,7 @@ class Cause(Stage):
     law: ClassVar[tuple[tuple[str, ...], float]] = ((), 0.0)
     given: ClassVar[tuple[str, ...]] = ()
     sharp: ClassVar[Mapping[str, float]] = {}
+    scanned: ClassVar[tuple[str, float]] = ("", 1.0)
     needs_speeds: ClassVar[bool] = False
     needs_first_rise: ClassVar[bool] = False
 
@@ -124,6 +127,7 @@ def added_by(stage: Stage, time_s: FloatArray, drive_v: FloatArray) -> FloatArra
 
 REACHING: Mapping[str, str] = {"reach": "um", "closing": "1", "taper": "1"}
 GIVEN = ("closing", "taper")
+SCANNED = ("reach", 2.0**0.125)
 
 
 class FirstSpring(Cause):
@@ -139,6 +143,7 @@ class FirstSpring(Cause):
     units: ClassVar[Mapping[str, str]] = {"slope": "V/um/V", "offset": "V/um"}
     optional: ClassVar[Mapping[str, str]] = REACHING
     given: ClassVar[tuple[str, ...]] = GIVEN
+    scanned: ClassVar[tuple[str, float]] = SCANNED
     closings: ClassVar[tuple[float, ...]] = (0.0,)
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {"reach": (1e-6, np.inf)}
 

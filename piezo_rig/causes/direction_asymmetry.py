@@ -19,7 +19,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from piezo_rig.causes.cause import GIVEN, REACHING, Cause, Context, forms, reaching
+from piezo_rig.causes.cause import GIVEN, REACHING, SCANNED, Cause, Context, forms, reaching
 from piezo_rig.chain.branches import Branches, FloatArray
 from piezo_rig.chain.half_loops import HalfLoops
 from piezo_rig.chain.stage import Stage
@@ -36,6 +36,7 @@ class DirectionAsymmetry(Cause):
     neutral: ClassVar[Mapping[str, float]] = {"ratio": 1.0}
     optional: ClassVar[Mapping[str, str]] = REACHING
     given: ClassVar[tuple[str, ...]] = GIVEN
+    scanned: ClassVar[tuple[str, float]] = SCANNED
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {
         "ratio": (0.2, 5.0),
         "reach": (1e-6, np.inf),

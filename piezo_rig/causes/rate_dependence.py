@@ -1,9 +1,10 @@
 """Rate dependence: the loop opens with the speed of the drive.
 
 Physics: moving domain walls feel a viscous drag, so that the displacement lags behind by a
-length that grows with |dV/dt|, less than in proportion. M. Al Janaideh and P. Krejci, IEEE/ASME
-Trans. Mechatronics 18 (2013) 1498 put the same into rate-dependent thresholds; exponents of 0.4
-to 1 are reported. The rate is taken over 3 ms, the time that walls need to follow.
+length that grows with |dV/dt|, less than in proportion; exponents of 0.4 to 1 are reported.
+In one form the lag is the same all along a half loop. In the other the thresholds of all sliders
+widen with the speed (M. Al Janaideh and P. Krejci, IEEE/ASME Trans. Mechatronics 18 (2013) 1498),
+while the first spring follows the drive. The rate is taken over the time that walls need to follow.
 
 Shows as: loops that are wider where the drive is faster, everywhere but within milliseconds of
 a corner. At one fixed frequency the rate is proportional to the range.
@@ -19,19 +20,20 @@ from typing import ClassVar
 import numpy as np
 
 from piezo_rig.causes.cause import Cause, Context, FloatArray
+from piezo_rig.chain.branches import Branches
 from piezo_rig.chain.stage import Signal, Stage
 
 REFERENCE_V_PER_S = 300.0
-WINDOW_S = 3e-3
-MOST = 5.0  # local over mean slope
+USUAL_S = 3e-3
+WINDOWS_S = (0.5e-3, 2e-3, 8e-3)
 LOW, HIGH = 0.4, 1.0  # exponents of the two examples
 
 
 class RateDependence(Cause):
     """``lag_um`` at 300 V/s, and the ``exponent`` with which it grows.
 
-    ``by_slope`` : 1 where the lag is one of the drive (wider thresholds): in proportion to the
-    local slope, ``lag_um`` at the mean slope; 0 where it is the same all along a half loop
+    ``window_s`` : over which the rate is taken. ``widens`` : 1 where thresholds widen, by what
+    makes ``lag_um`` at the sliders' mean compliance; 0 where it is the same all along a half loop
     """
 
     id = "rate-dependence"
@@ -40,44 +42,66 @@ class RateDependence(Cause):
     needs_speeds = True
     passes = True  # the lag hardly depends on the displacement
     units: ClassVar[Mapping[str, str]] = {"lag_um": "um", "exponent": "1"}
-    optional: ClassVar[Mapping[str, str]] = {"by_slope": "1"}
-    given: ClassVar[tuple[str, ...]] = ("by_slope",)
+    optional: ClassVar[Mapping[str, str]] = {"window_s": "s", "widens": "1"}
+    given: ClassVar[tuple[str, ...]] = ("widens",)
+    scanned: ClassVar[tuple[str, float]] = ("window_s", 2.0)
     neutral: ClassVar[Mapping[str, float]] = {"exponent": 0.7}
     priors: ClassVar[Mapping[str, tuple[float, float]]] = {"exponent": (0.7, 0.2)}
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {
-        "lag_um": (0.0, np.inf), "exponent": (0.1, 2.0),
+        "lag_um": (0.0, np.inf), "exponent": (0.1, 2.0), "window_s": (1e-5, 1.0),
     }
 
+    def seen_by_sliders(self, signal: Signal, branches: Branches) -> FloatArray:
+        from piezo_rig.chain.backlash import behind
+
+        if not self._widens:
+            return signal.drive_v
+        rest = branches.rest
+        volts = np.diff(rest.knots_v, prepend=0.0)
+        moved = float(volts @ rest.compliance_um_per_v[: volts.size])
+        compliance = moved / float(rest.knots_v[-1]) if moved else rest.compliance_um_per_v[-1]
+        drive = np.ascontiguousarray(signal.drive_v)
+        width = self["lag_um"] / compliance * np.abs(self._rate(signal)) ** self["exponent"]
+        return behind(drive, width)
+
     def act(self, signal: Signal) -> Signal:
+        if self._widens:
+            return signal
+        rate = self._rate(signal)
+        lag = self["lag_um"] * np.sign(rate) * np.abs(rate) ** self["exponent"]
+        return signal.with_(displacement_um=signal.displacement_um - lag)
+
+    @property
+    def _widens(self) -> bool:
+        return "widens" in self.parameters and bool(self["widens"])
+
+    def _rate(self, signal: Signal) -> FloatArray:
+        """Speed of the drive (n,), of `REFERENCE_V_PER_S`."""
         from piezo_rig.chain.relaxation import lagged
 
         time = np.ascontiguousarray(signal.time_s)
         drive = np.ascontiguousarray(signal.drive_v)
-        moved = drive - lagged(time, drive, WINDOW_S)
-        rate = moved / WINDOW_S / REFERENCE_V_PER_S
-        lag = self["lag_um"] * np.sign(rate) * np.abs(rate) ** self["exponent"]
-        if "by_slope" in self.parameters and self["by_slope"]:
-            x = np.ascontiguousarray(signal.displacement_um)
-            followed = x - lagged(time, x, WINDOW_S)
-            whole = max(float(np.ptp(x)), 1e-30) / max(float(np.ptp(drive)), 1e-30)
-            known = np.abs(moved) > 1e-9 * max(float(np.ptp(drive)), 1e-30)
-            slope = np.divide(followed, moved, out=np.zeros_like(x), where=known) / whole
-            lag = lag * np.clip(slope, 0.0, MOST)
-        return signal.with_(displacement_um=signal.displacement_um - lag)
+        window = self["window_s"] if "window_s" in self.parameters else USUAL_S
+        return (drive - lagged(time, drive, window)) / window / REFERENCE_V_PER_S
 
     @classmethod
     def variants(cls, context: Context) -> list[list[Stage]]:
         speed = max(context.slew_v_per_s / REFERENCE_V_PER_S, 1e-9)
         size = 3e-4 * context.travel_um
         return [
-            [cls.of(None, lag_um=size / speed**e, exponent=e, by_slope=s) for e in (LOW, HIGH)]
-            for s in (0.0, 1.0)
-        ]
+            [cls.of(None, lag_um=size / speed**e, exponent=e, window_s=w, widens=s)
+             for e in (LOW, HIGH)]
+            for s in (0.0, 1.0) for w in WINDOWS_S
+        ]  # fmt: skip
 
     @classmethod
     def begun(cls, trials: Sequence[Stage], shares: FloatArray) -> Stage:
-        lags = np.array([t["lag_um"] for t in trials]) * shares
-        total = float(lags.sum())
-        share = float(np.clip(lags[1] / total, 0.0, 1.0)) if total else 0.5
+        slow, fast = (t["lag_um"] for t in trials)
+        # both examples are as large as each other at the speed that is usual in the data
+        speed = (slow / fast) ** (1.0 / (HIGH - LOW))
+        total = float(shares.sum())
+        share = float(np.clip(shares[1] / total, 0.0, 1.0)) if total else 0.5
         exponent = LOW + (HIGH - LOW) * share
-        return cls.of(None, lag_um=total, exponent=exponent, by_slope=trials[0]["by_slope"])
+        lag = max(total, 0.1) * slow * speed ** (LOW - exponent)
+        return cls.of(None, lag_um=lag, exponent=exponent, window_s=trials[0]["window_s"],
+                      widens=trials[0]["widens"])  # fmt: skip

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from piezo_rig.chain.branches import Branches
-from piezo_rig.chain.half_loops import half_loops
+from piezo_rig.chain.half_loops import HalfLoops, half_loops
 from piezo_rig.chain.maxwell import Maxwell
 from piezo_rig.chain.stage import PLACES, Signal, Stage
 from piezo_rig.errors import InputError
@@ -192,17 +192,19 @@ class Model:
             if stage.place == "drive":
                 key = (*key, id(stage))
                 signal = memo.get(self, key, partial(stage.act, signal))
-        driven = np.ascontiguousarray(signal.drive_v)
-        branches = self.branches()
+        given = np.ascontiguousarray(signal.drive_v)
+        branches, driven = self.branches(), given
+        for stage in active:
+            if type(stage).seen_by_sliders is not Stage.seen_by_sliders:
+                key = (*key, "sliders", id(stage), id(self.maxwell))
+                driven = memo.get(self, key, partial(stage.seen_by_sliders, signal, branches))
         if branches.has_laws:
             loops = memo.get(self, ("loops", *key), lambda: half_loops(driven))
         else:
             loops = None
         key = (*key, *(id(s) for s in self.stages if type(s).shape is not Stage.shape), "kernel",
                id(self.maxwell))  # fmt: skip
-        moved = memo.get(
-            self, key, lambda: branches.displacement(driven, branches.walk(driven, loops))
-        )
+        moved = memo.get(self, key, lambda: _moved(branches, given, driven, loops))
         signal = signal.with_(displacement_um=moved)
         for stage in active:
             if stage.place == "actuator" or (stage.place != "drive" and not free_end):
@@ -211,6 +213,17 @@ class Model:
                 key = (*key, id(stage))
                 signal = memo.get(self, key, partial(stage.act, signal))
         return signal
+
+
+def _moved(
+    branches: Branches, drive: FloatArray, seen: FloatArray, loops: HalfLoops | None
+) -> FloatArray:
+    """Displacement where the first spring follows one drive and the sliders another one."""
+    moved = branches.displacement(seen, branches.walk(seen, loops))
+    if seen is drive:
+        return moved
+    ahead = drive - seen
+    return moved + (ahead - ahead[0]) / branches.first_slope_v_per_um
 
 
 def _preceded(drive: FloatArray) -> FloatArray:

@@ -96,6 +96,10 @@ class Stage:
         """What the stage makes of the kernel's branches."""
         return branches
 
+    def seen_by_sliders(self, signal: Signal, branches: Branches) -> FloatArray:
+        """The drive (n,) that the sliders follow; the first spring follows the drive itself."""
+        return signal.drive_v
+
     def act(self, signal: Signal) -> Signal:
         """What the stage makes of the signal at its place."""
         return signal

@@ -270,7 +270,7 @@ class _Search:
                 fitted = further(self.space, fitted, candidate.id)
         except (InputError, np.linalg.LinAlgError):
             fitted = None  # at the size that the data ask for it cannot even be played
-        if fitted is None or does_nothing(fitted.point, candidate.id) or (
+        if fitted is None or does_nothing(self.space, fitted.point, candidate.id) or (
             needless(fitted, [candidate.id]) is not None
         ):  # fmt: skip
             self.barred[candidate.id] = (

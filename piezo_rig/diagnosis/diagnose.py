@@ -21,7 +21,14 @@ from piezo_rig.diagnosis.first_spring import offset_of, with_offset
 from piezo_rig.diagnosis.fit import Point, starting_model
 from piezo_rig.diagnosis.follow_up import FollowUp, follow_up
 from piezo_rig.diagnosis.groups import Groups, group_tracks
-from piezo_rig.diagnosis.held_out import Errors, gain, held_out_errors, refold, reported_kind
+from piezo_rig.diagnosis.held_out import (
+    Errors,
+    carried_over_nm,
+    gain,
+    held_out_errors,
+    refold,
+    reported_kind,
+)
 from piezo_rig.diagnosis.isolability import Workings
 from piezo_rig.diagnosis.refit import Fitted, refit, settle
 from piezo_rig.diagnosis.scan import LEVEL
@@ -148,7 +155,7 @@ def diagnose(
         return errors(fitted).rms_nm
 
     def carries_over(fitted: Fitted) -> float:
-        return held_out_errors(space, fitted, folds).rms_nm
+        return carried_over_nm(space, fitted, folds)
 
     # conditions that were left out ask for extrapolation: only a model that runs away is refused
     floor = noise_floor_nm(clean)
@@ -166,7 +173,7 @@ def diagnose(
         rng,
     )  # fmt: skip
     if kind != folds and folds in ("condition", "sweep"):
-        ends = carries_over(ladder.first), carries_over(ladder.last)
+        ends = [held_out_errors(space, f, folds).rms_nm for f in (ladder.first, ladder.last)]
         notes.append(
             f"on conditions that were left out of the fit: {ends[0]:.4g} nm with the baseline, "
             f"{ends[1]:.4g} nm with everything"

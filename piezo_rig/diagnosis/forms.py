@@ -12,7 +12,6 @@ import numpy as np
 
 from piezo_rig.causes.cause import Cause
 from piezo_rig.diagnosis.refit import Fitted, refit
-from piezo_rig.diagnosis.scan import FINER
 from piezo_rig.diagnosis.space import Space
 from piezo_rig.errors import InputError
 
@@ -50,23 +49,25 @@ def further(space: Space, fitted: Fitted, id: str) -> Fitted:
 def reached(space: Space, fitted: Fitted, id: str, than: Fitted) -> Fitted:
     """The reach of a law where the evidence is largest, by parabolas over its logarithm.
 
-    The form and the reach of an effect that is plain to see are looked for anew: those of its
-    beginning were chosen when everything else still had to make up for it.
+    So with any parameter that a cause wants scanned. The form and the reach of a law that is plain
+    to see are looked for anew: those of its beginning were chosen when everything else still had
+    to make up for it.
     """
     stage = fitted.point.model.stage(id)
-    if stage is None or "reach" not in stage.parameters:
+    if not isinstance(stage, Cause) or stage.scanned[0] not in stage.parameters:
         return fitted
-    if fitted.evidence > than.evidence + PLAIN:
+    name, factor = stage.scanned
+    if "taper" in stage.parameters and fitted.evidence > than.evidence + PLAIN:
         fitted = _wider(space, fitted, id)
     first = fitted.point.model.stage(id)
     assert first is not None
-    known = {first["reach"]: fitted}
-    step = np.log(FINER[1] / FINER[0])
+    known = {first[name]: fitted}
+    step = np.log(factor)
     for _ in range(PARABOLAS):
         best = max(known, key=lambda r: known[r].evidence)
         for r in (best * np.exp(-step), best * np.exp(step)):
             if not any(abs(np.log(r / k)) < 0.3 * step for k in known):
-                known[r] = _at(space, known[best], id, reach=r)
+                known[r] = _at(space, known[best], id, **{name: r})
         x = np.log(sorted(known))
         y = np.array([known[r].evidence for r in sorted(known)])
         i = int(np.clip(np.argmax(y), 1, x.size - 2))
@@ -74,7 +75,7 @@ def reached(space: Space, fitted: Fitted, id: str, than: Fitted) -> Fitted:
         if a < 0 and abs(b) < -4.0 * a * step:
             r = float(np.exp(x[i] - b / (2.0 * a)))
             if not any(abs(np.log(r / k)) < 1e-3 for k in known):
-                known[r] = _at(space, known[best], id, reach=r)
+                known[r] = _at(space, known[best], id, **{name: r})
         if 0 < int(np.argmax(y)) < y.size - 1:
             step *= 0.5
     likeliest = max(known.values(), key=lambda f: f.evidence)

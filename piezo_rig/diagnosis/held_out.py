@@ -24,6 +24,7 @@ FOLDS = 12
 REPEATS = "sweep"  # every recording by a model that has not seen it
 DRAWS = 2000
 FEW, CHUNKS = 6, 10  # fewer recordings than this are cut into chunks for the interval
+SLACK = 0.02  # of the range, by which a drive may leave what others span
 FAR = 3.0  # standard errors that a fold may move a parameter
 
 
@@ -53,18 +54,48 @@ def reported_kind(groups: Groups, kind: str) -> str:
     return REPEATS if all(g.repeats > 1 for g in groups.groups) else kind
 
 
+def carried_over_nm(space: Space, fitted: Fitted, kind: str) -> float:
+    """Rms error on conditions or sweeps that were left out and lie inside what the others span.
+
+    Beyond that the element tables go where they like, with the right cause as with a wrong one.
+    """
+    if kind not in ("condition", "sweep"):
+        return held_out_errors(space, fitted, kind).rms_nm
+    inside = [
+        k for k in sorted({p.fold for p in space.pieces})
+        if _inside(space.groups, [p.group for p in space.pieces if p.fold == k])
+    ]  # fmt: skip
+    return held_out_errors(space, fitted, kind, only=inside).rms_nm if inside else 0.0
+
+
+def _inside(groups: Groups, left_out: Sequence[int]) -> bool:
+    """Whether the drives of some groups lie within the drives of the others."""
+    rest = [g for i, g in enumerate(groups.groups) if i not in left_out]
+    if not rest:
+        return False
+    low = min(float(g.drive_v.min()) for g in rest)
+    high = max(float(g.drive_v.max()) for g in rest)
+    slack = SLACK * (high - low)
+    drives = [groups.groups[i].drive_v for i in left_out]
+    return all(d.min() >= low - slack and d.max() <= high + slack for d in drives)
+
+
 def held_out_errors(
-    space: Space, fitted: Fitted, kind: str, measured: Groups | None = None
+    space: Space,
+    fitted: Fitted,
+    kind: str,
+    measured: Groups | None = None,
+    only: Sequence[int] | None = None,
 ) -> Errors:
     """Errors of one rung on what its refits did not see; in the fit itself where kind is none.
 
-    ``measured`` : other recordings of the same groups to score on
+    ``measured`` : other recordings of the same groups to score on; ``only`` : folds to leave out
     """
     groups, pieces = space.groups, space.pieces
     point = fitted.point
     if kind == REPEATS:
         return _left_out(space, fitted, measured or groups)
-    folds = sorted({p.fold for p in pieces})
+    folds = sorted({p.fold for p in pieces}) if only is None else list(only)
     plan: list[tuple[list[int], list[int]]] = []
     if kind == "cycles":
         plan.append(([i for i, p in enumerate(pieces) if p.fold == 0],

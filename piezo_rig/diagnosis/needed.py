@@ -7,8 +7,10 @@ from scipy import stats
 
 from piezo_rig.causes import CAUSES
 from piezo_rig.diagnosis.fit import Point
-from piezo_rig.diagnosis.refit import Fitted
+from piezo_rig.diagnosis.refit import Fitted, changed_um
+from piezo_rig.diagnosis.space import Space
 
+SEEN = 2.0  # d' in white noise, with nothing else to explain it, below which nothing is seen
 DIFFERENT = 1e-4  # a member must differ from nothing at this level
 
 
@@ -42,17 +44,18 @@ def needless(fitted: Fitted, causes: list[str]) -> str | None:
     return None
 
 
-def does_nothing(point: Point, id: str) -> bool:
+def does_nothing(space: Space, point: Point, id: str) -> bool:
+    """Whether a member came out at a limit, or changes less than the noise of all data shows."""
     stage = point.model.stage(id)
     assert stage is not None
     names = [n for i, n in point.names if i == id]
     kind = type(stage)
-    scale = {n: s for i, n, s in point.sizes if i == id}
     if not names:
         return False
     for name in names:  # a law that runs into its limit is not this law
         low, high = getattr(kind, "limits", {}).get(name, (-np.inf, np.inf))
         if not low < stage[name] < high:
             return True
-    main = names[0]
-    return abs(stage[main] - kind.neutral.get(main, 0.0)) < 1e-3 * scale[main]
+    samples = sum(g.repeats * (b - a) for g in space.groups.groups for a, b in g.blocks)
+    change = 1e3 * changed_um(space, point.model.without(id), point.model)
+    return bool(change * np.sqrt(samples / space.groups.factor) < SEEN * space.noise_nm)
