@@ -44,7 +44,7 @@ class RateDependence(Cause):
     units: ClassVar[Mapping[str, str]] = {"lag_um": "um", "exponent": "1"}
     optional: ClassVar[Mapping[str, str]] = {"window_s": "s", "widens": "1"}
     given: ClassVar[tuple[str, ...]] = ("widens",)
-    scanned: ClassVar[tuple[str, float]] = ("window_s", 2.0)
+    scanned: ClassVar[tuple[str, float]] = ("window_s", 2.0 ** (1 / 6))
     neutral: ClassVar[Mapping[str, float]] = {"exponent": 0.7}
     priors: ClassVar[Mapping[str, tuple[float, float]]] = {"exponent": (0.7, 0.2)}
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from piezo_rig.causes import CAUSES
 from piezo_rig.causes.cause import Cause
 from piezo_rig.chain.bend import Bend
-from piezo_rig.diagnosis.confusion import strengths
+from piezo_rig.diagnosis.confusion import APART, certainties, strengths
 from piezo_rig.diagnosis.fit import Point
 from piezo_rig.diagnosis.forms import further, reached
 from piezo_rig.diagnosis.likelihood import Likelihood, reduce
@@ -29,6 +29,7 @@ from piezo_rig.errors import InputError
 
 FloatArray = NDArray[np.float64]
 MOST = 8  # findings
+DOUBTFUL = 1e-6  # chance of a false alarm above which a cause must predict unseen data better
 LATER = 0.002  # chance of a false alarm for each finding after the first: there are several looks
 CLOSE, RUN_OFF = 0.4, 3  # share of the best score, and how many are refitted to compare
 SAFE = 20.0  # times what a table must be worth: not looked at again
@@ -42,6 +43,7 @@ FAR_OFF, HELPS = 2.0, 0.97  # so many times the noise; held-out error after a st
 OF_THE_MISFIT = (
     "fits, but predicts data that it has not seen no better, while the model is still far off"
 )
+NEARER = 0.9  # held-out error, of that when a cause was refused, below which it is tried again
 NEAR = 1.1  # held-out error of a rival, of the best one's
 BEND = Bend.id
 Tell = Callable[[str], None]
@@ -97,6 +99,7 @@ def climb(
     for _ in range(ROUNDS):
         if not (search.few or search.left_over()) or not search.detour():
             break
+    search.faint()
     return Ladder(first, tuple(search.rungs()), tuple(search.scans))
 
 
@@ -112,6 +115,7 @@ class _Search:
     steps: list[Step] = field(default_factory=list)
     scans: list[Scan] = field(default_factory=list)
     barred: dict[str, str] = field(default_factory=dict)
+    refused_at: dict[str, float] = field(default_factory=dict)  # held-out error then
     rearranged: bool = False
     safe: set[str] = field(default_factory=set)  # tables that nothing can stand in for
     errors: dict[tuple[int, int], tuple[float, Point]] = field(default_factory=dict)
@@ -193,9 +197,10 @@ class _Search:
             if worth <= 0.0:
                 self.barred[id] = "once refitted it says no more than the model without it"
                 continue
-            worse = self.worse(fitted, here) or self.of_a_law(fitted, id)
+            doubtful = family[i] > DOUBTFUL
+            worse = self.worse(fitted, here, doubtful) or self.of_a_law(fitted, id)
             if worse is not None:
-                self.barred[id] = worse
+                self.barred[id], self.refused_at[id] = worse, self.error(0, here)
                 continue
             rivals = tuple(result.ids[j] for w, j, _ in tried if j != i and w > worth - NEEDED)
             self.accept(Step(id, float(family[i]), fitted, rivals))
@@ -204,9 +209,13 @@ class _Search:
         return bool(close)
 
     def accept(self, step: Step) -> None:
-        """Add a rung; what was refused only because the model was far off may be tried again."""
+        """Add a rung; what was refused because the model was far off may be tried again."""
         self.steps.append(step)
-        self.barred = {k: why for k, why in self.barred.items() if why != OF_THE_MISFIT}
+        left = self.error(0, step.fitted)
+        self.barred = {
+            k: why for k, why in self.barred.items()
+            if why != OF_THE_MISFIT and left > NEARER * self.refused_at.get(k, 0.0)
+        }  # fmt: skip
 
     def carrying(self, tried: list[tuple[float, int, Fitted]]) -> list[tuple[float, int, Fitted]]:
         """Those rivals that predict data which they have not seen about as well as the best.
@@ -220,11 +229,14 @@ class _Search:
         least = min(self.error(0, fitted) for _, _, fitted in rivals)
         return [t for t in tried if t[0] <= 0.0 or self.error(0, t[2]) <= NEAR * least]
 
-    def worse(self, fitted: Fitted, than: Fitted) -> str | None:
-        """Why an extension is refused: it does not carry over; None where it does."""
+    def worse(self, fitted: Fitted, than: Fitted, doubtful: bool = False) -> str | None:
+        """Why an extension is refused: it does not carry over; None where it does.
+
+        ``doubtful`` : the evidence is not overwhelming, and the extension must predict better
+        """
         for k, (_, limit) in enumerate(self.held_out):
             value, error = self.error(k, fitted), self.error(k, than)
-            if value > limit * error:
+            if value > (1.0 if doubtful and k == 0 else limit) * error:
                 return (
                     f"fits, but predicts data that it has not seen worse ({value:.3g} nm "
                     f"against {error:.3g} nm)"
@@ -305,6 +317,22 @@ class _Search:
         if less.evidence >= new.fitted.evidence - NEEDED:
             self.drop(spare, new, less)
 
+    def faint(self) -> None:
+        """Drop what cannot be told from nothing once everything else is allowed for."""
+        while self.causes:
+            settle(self.space, self.fitted.point)
+            found = certainties(self.space, self.fitted, self.causes)
+            id = min(found, key=lambda c: found[c])
+            if found[id] >= APART:
+                return
+            self.tell(f"refit without {id}")
+            less = refit(self.space, _less(self.fitted.point, id), held=True)
+            rest = [s for s in self.steps if s.cause != id]
+            if rest:
+                self.drop(id, rest[-1], less)
+            else:
+                self.steps, self.barred[id] = [], "cannot be told from nothing"
+
     def clear(self) -> None:
         """Drop what is hardly needed beside large effects whose laws are only assumed."""
         if len(self.causes) < 2:
@@ -358,7 +386,7 @@ class _Search:
             other = replace(
                 self,
                 steps=[replace(s, fitted=less) for s in self.steps if s.cause != member],
-                scans=[], barred={member: "tried without"}, rearranged=True,
+                scans=[], barred={member: "tried without"}, refused_at={}, rearranged=True,
             )  # fmt: skip
             other.forward()
             more = len(other.causes) - len(self.causes)

@@ -53,6 +53,19 @@ def strengths(space: Space, fitted: Fitted, causes: Sequence[str]) -> dict[str, 
     return dict(zip(causes, np.sqrt(np.sum(white**2, axis=0)).tolist(), strict=True))
 
 
+def certainties(space: Space, fitted: Fitted, causes: Sequence[str]) -> dict[str, float]:
+    """d' of several accepted causes, each with everything else that was fitted projected off."""
+    point = fitted.point
+    linear = space.linear(point, [(point.model.without(c), point.model) for c in causes])
+    found = {}
+    for k, cause in enumerate(causes):
+        reduced = reduce(linear, free=own_columns(point, cause))
+        lower = cholesky(covariance_of(reduced, fitted.scales), lower=True)
+        white = solve_triangular(lower, reduced.trials[:, k], lower=True)
+        found[cause] = float(np.linalg.norm(white))
+    return found
+
+
 def own_columns(point: Point, cause: str) -> list[int]:
     """Base columns that belong to a cause: its parameters, and its table if it is one."""
     own = [point.linear + j for j, (id, _) in enumerate(point.names) if id == cause]

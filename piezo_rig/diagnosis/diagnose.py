@@ -212,7 +212,7 @@ def diagnose(
                      "are not given")  # fmt: skip
     tell("the rest")
     rest = with_line(
-        unexplained(space, last, floor or rungs[-1].rms_nm, rng),
+        unexplained(space, last, floor or rungs[-1].rms_nm, _by_laws_nm(rungs), rng),
         find_line(clean, last.point.model), floor,
     )  # fmt: skip
     advice = follow_up(space, last, confused)
@@ -273,6 +273,17 @@ def _rungs(
         rungs.append(Rung(added, e.rms_nm, e.max_percent, count if mine else None))
         count += mine
     return rungs, [gain(before, after, rng) for before, after in pairwise(errors)]
+
+
+def _by_laws_nm(rungs: Sequence[Rung]) -> float:
+    """Rms error that causes with a law have taken away; tables and bends fit whatever there is."""
+    square = sum(
+        max(before.rms_nm**2 - after.rms_nm**2, 0.0)
+        for before, after in pairwise(rungs)
+        if after.added != BEND and not CAUSES[after.added].has_elements
+        and after.added not in EVENTS
+    )  # fmt: skip
+    return float(np.sqrt(square))
 
 
 def parameters_of(fitted: Fitted, cause: str, model: Model) -> dict[str, Parameter]:

@@ -17,7 +17,7 @@ from piezo_rig.errors import InputError
 
 BETTER = 3.0  # log-likelihood by which a refit from further out must be better
 PLAIN = 20.0  # log-likelihood above which all forms of a law are refitted
-PARABOLAS = 2
+PARABOLAS, SETTLED = 6, 1.0  # at most so many, and the gain in log-likelihood that ends them
 FURTHER, FURTHER_BY = 4, 1.4
 FORMS, WIDER = (0.0, 1.0), 1.5  # tapers of a law; step over its reach
 FADES = 4.0  # log-likelihood by which a law that fades out must be better
@@ -65,6 +65,7 @@ def reached(space: Space, fitted: Fitted, id: str, than: Fitted) -> Fitted:
     step = np.log(factor)
     for _ in range(PARABOLAS):
         best = max(known, key=lambda r: known[r].evidence)
+        before = known[best].evidence
         for r in (best * np.exp(-step), best * np.exp(step)):
             if not any(abs(np.log(r / k)) < 0.3 * step for k in known):
                 known[r] = _at(space, known[best], id, **{name: r})
@@ -77,6 +78,8 @@ def reached(space: Space, fitted: Fitted, id: str, than: Fitted) -> Fitted:
             if not any(abs(np.log(r / k)) < 1e-3 for k in known):
                 known[r] = _at(space, known[best], id, **{name: r})
         if 0 < int(np.argmax(y)) < y.size - 1:
+            if max(f.evidence for f in known.values()) < before + SETTLED:
+                break
             step *= 0.5
     likeliest = max(known.values(), key=lambda f: f.evidence)
     return refit(space, likeliest.point, steps=2, held=True)

@@ -19,7 +19,7 @@ from piezo_rig.diagnosis.space import Space
 
 FloatArray = NDArray[np.float64]
 LEVEL = 0.005  # family-wise chance of a false alarm; at 0.01, 4 or 5 of 270 nulls raised one
-FINER = 2.0 ** np.linspace(-0.75, 0.75, 13)  # of a reach
+FINER = np.linspace(-6.0, 6.0, 13)  # steps over the parameter that a cause wants scanned
 VISIBLE = 3.0  # d' that the largest plausible size must reach, or the cause is not looked for
 
 
@@ -197,8 +197,10 @@ def extended(
     trials: Sequence[Stage],
 ) -> Point:
     """The point with a cause put in at the size that the linear fit gives it."""
-    if all("reach" in t.parameters for t in trials):
-        columns, likelihood, trials = _finer(space, fitted, trials)
+    kind = CAUSES[candidate.id]
+    assert issubclass(kind, Cause)
+    if all(kind.scanned[0] in t.parameters for t in trials):
+        columns, likelihood, trials = _finer(space, fitted, trials, *kind.scanned)
     reduced = likelihood.reduced
     scales = likelihood.best_scales(columns)
     sigma = covariance_of(reduced, scales)
@@ -208,8 +210,6 @@ def extended(
     size = 1.0 / np.sqrt(np.maximum(np.diag(gram), 1e-300))
     scaled = gram * np.outer(size, size) + 1e-6 * np.eye(len(columns))
     shares = size * np.linalg.solve(scaled, size * (t.T @ solved[:, -1]))
-    kind = CAUSES[candidate.id]
-    assert issubclass(kind, Cause)
     stage = kind.begun(trials, shares)
     sizes = list(fitted.point.sizes)
     for name in stage.parameters:
@@ -223,11 +223,11 @@ def extended(
 
 
 def _finer(
-    space: Space, fitted: Fitted, trials: Sequence[Stage]
+    space: Space, fitted: Fitted, trials: Sequence[Stage], name: str, factor: float
 ) -> tuple[list[int], Likelihood, Sequence[Stage]]:
-    """The form with the likeliest reach: it matters much, and has many local optima."""
+    """The form with the likeliest reach (or what else is scanned): it has many local optima."""
     model, n = fitted.point.model, len(trials)
-    forms = [[t.with_values(reach=t["reach"] * f) for t in trials] for f in FINER]
+    forms = [[t.with_values(**{name: t[name] * f}) for t in trials] for f in factor**FINER]
     pairs = [(model, model.with_stage(t)) for form in forms for t in form]
     likelihood = Likelihood(reduce(space.linear(fitted.point, pairs)))
     sets = [list(range(k * n, (k + 1) * n)) for k in range(len(forms))]

@@ -18,6 +18,7 @@ FloatArray = NDArray[np.float64]
 WORDS = ("drive", "displacement", "direction", "range", "time_since_turn", "cycle", "clock",
          "frequency")  # fmt: skip
 LINES = 0.2  # of the false alarms that a line may take
+OF_LAWS = 0.03  # of what accepted causes explain: no law of theirs is known better
 SHARE = 0.2  # of the structured power that a tag must carry to be named
 
 
@@ -34,9 +35,13 @@ class Unexplained:
 
 
 def unexplained(
-    space: Space, fitted: Fitted, noise_nm: float, rng: np.random.Generator
+    space: Space, fitted: Fitted, noise_nm: float, explained_nm: float, rng: np.random.Generator
 ) -> Unexplained:
-    """Likelihood ratio of the dictionary's scale against its null, and what carries it."""
+    """Likelihood ratio of the dictionary's scale against its null, and what carries it.
+
+    ``explained_nm`` : rms that causes with an assumed law have taken off the error; of that some
+    must be left
+    """
     linear = space.linear(fitted.point)
     reduced = reduce(linear)
     likelihood = Likelihood(reduced)
@@ -50,7 +55,10 @@ def unexplained(
     fine_gram = gram[bends : bends + fines, bends : bends + fines]
     rms = 1e3 * float(np.sqrt(max(float(generic @ generic_gram @ generic), 0.0) / samples))
     mismatch = 1e3 * float(np.sqrt(max(float(fine @ fine_gram @ fine), 0.0) / samples))
-    allowance = float(np.hypot(max(mismatch, 0.02 * noise_nm), 3e-6 * 1e3 * space.groups.travel_um))
+    allowance = float(np.linalg.norm([
+        max(mismatch, 0.02 * noise_nm), 3e-6 * 1e3 * space.groups.travel_um,
+        OF_LAWS * explained_nm,
+    ]))  # fmt: skip
     detected = bool(p < LEVEL and rms > allowance)
     if not detected:
         return Unexplained(False, p, rms, allowance, [], "")
