@@ -43,19 +43,17 @@ from drivers.clock import Clock
 from drivers.dac_codes import (
     FULL_SCALE,
     MEMORY_POINTS,
-    SMALLEST_SPAN_V,
     checked_codes,
     fitted_codes,
 )
 from drivers.errors import InstrumentError
 from drivers.identity import Identity
-from drivers.output_state import OWN_PREFIX, REST_NAME, OutputState
+from drivers.output_state import NARROW_V, OWN_PREFIX, REST_NAME, OutputState
 from drivers.scpi_instrument import ScpiInstrument, Setting
 from drivers.scpi_values import INFINITE
 from drivers.transport import Transport
 
 STEP_V = 0.02
-NARROW_V = SMALLEST_SPAN_V
 _LIMIT_V = 10.0  # of levels into a high impedance
 _TOLERANCE_V = 1e-3
 
@@ -171,6 +169,9 @@ class Keysight33500B:
             found = self._look()
             self._prepare_rest(found, rest_v)
         else:
+            if not found.is_ours:
+                # Somebody stopped between clearing the memory and selecting a waveform.
+                self._prepare_rest(found, from_v)
             self._burst_settings()
             self._pull_in(found)
         found = self._look()

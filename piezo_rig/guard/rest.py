@@ -1,0 +1,78 @@
+"""The guard brings the stack to rest: whatever the runner left behind, under the slew limit."""
+
+from __future__ import annotations
+
+import contextlib
+import time
+
+from drivers.clock import BenchClock, Clock, RealClock
+from drivers.errors import InstrumentError
+from drivers.transport import Transport
+from drivers.waveform_dac import Keysight33500B
+from piezo_rig.guard.orders import GIVE_UP_S, Orders
+
+_RETRY_S = 1.0
+_CLOCK_TIMEOUT_S = 2.0
+
+
+def bring_to_rest(
+    line: Transport, orders: Orders, serial: str, give_up_s: float = GIVE_UP_S
+) -> dict[str, float]:
+    """Wait for a burst that plays, ramp to rest, read back.
+
+    Parameters
+    ----------
+    line : to the generator; nothing that it still owes may be on its way
+    serial : of the generator that was armed; no other is moved
+
+    Returns
+    -------
+    from_v, to_v : V on the stack
+    duration_s : on the bench's clock
+
+    Raises
+    ------
+    InstrumentError : the last failure, when nothing helped for ``give_up_s``
+    """
+    until = time.monotonic() + give_up_s
+    while True:
+        try:
+            return _attempt(line, orders, serial)
+        except InstrumentError:
+            if time.monotonic() >= until:
+                raise
+            RealClock().sleep(_RETRY_S)
+            with contextlib.suppress(InstrumentError):
+                line.reopen()
+
+
+def _attempt(line: Transport, orders: Orders, serial: str) -> dict[str, float]:
+    dac = Keysight33500B(line)
+    found = dac.connect().serial
+    if found != serial:
+        raise InstrumentError(
+            "instrument-identity", line.instrument, f"serial number {found}, not {serial}"
+        )
+    clock = _clock(orders.clock)
+    try:
+        moved = dac.go_to_rest(
+            orders.rest_command_v, slew_v_per_s=orders.slew_v_per_s, clock=clock
+        )
+    finally:
+        if isinstance(clock, BenchClock):
+            clock.close()
+    return {
+        "from_v": orders.gain * moved["from_v"] + orders.offset_v,
+        "to_v": orders.gain * moved["to_v"] + orders.offset_v,
+        "duration_s": moved["duration_s"],
+    }
+
+
+def _clock(name: str) -> Clock:
+    """The bench's clock; the computer's, which is never faster, where it does not answer."""
+    if name == "real":
+        return RealClock()
+    try:
+        return BenchClock(name, _CLOCK_TIMEOUT_S)
+    except InstrumentError:
+        return RealClock()
