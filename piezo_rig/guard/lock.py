@@ -31,11 +31,12 @@ def lock_path(address: str) -> Path:
     return Path(tempfile.gettempdir()) / f"piezo-rig-generator-{name}.lock"
 
 
-def hold(address: str, tell: Tell = lambda text: None) -> int:
+def hold(address: str, tell: Tell = lambda text: None, wait_s: float = WAIT_S) -> int:
     """Take hold of a generator; returns a file descriptor, which holds it while it is open.
 
     Waits for the guard of a run that was killed, but not for a run that plays.
-    A temporary folder that takes no file locks nothing: -1.
+    ``wait_s`` is the time that a run which is ending gets. A temporary folder that takes no file
+    locks nothing: -1.
 
     Raises
     ------
@@ -48,7 +49,7 @@ def hold(address: str, tell: Tell = lambda text: None) -> int:
     except OSError:
         return -1
     try:
-        _wait(descriptor, address, tell)
+        _wait(descriptor, address, tell, wait_s)
         os.ftruncate(descriptor, 0)
         os.pwrite(descriptor, str(os.getpid()).encode(), 0)
     except BaseException:
@@ -57,14 +58,14 @@ def hold(address: str, tell: Tell = lambda text: None) -> int:
     return descriptor
 
 
-def _wait(descriptor: int, address: str, tell: Tell) -> None:
+def _wait(descriptor: int, address: str, tell: Tell, wait_s: float) -> None:
     clock, begun, told = RealClock(), time.monotonic(), False
     while True:
         with contextlib.suppress(OSError):
             fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
             return
         waited = time.monotonic() - begun
-        if waited >= (WAIT_S if _holder_lives(descriptor) else GIVE_UP_S):
+        if waited >= (wait_s if _holder_lives(descriptor) else GIVE_UP_S):
             raise InstrumentError(
                 "bench-busy", "waveform_dac",
                 f"another program holds the generator at {address}",
@@ -79,9 +80,13 @@ def _wait(descriptor: int, address: str, tell: Tell) -> None:
 def _holder_lives(descriptor: int) -> bool:
     """Whether the run that took the lock still runs; if not, its guard holds it."""
     try:
-        os.kill(int(os.pread(descriptor, 20, 0)), 0)
+        holder = int(os.pread(descriptor, 20, 0))
+        os.kill(holder, 0)
     except (ValueError, ProcessLookupError):
         return False
     except PermissionError:
-        pass
-    return True
+        return True
+    try:  # dead, but nobody has asked yet how it died
+        return Path(f"/proc/{holder}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except (OSError, IndexError):
+        return True

@@ -5,8 +5,6 @@ from __future__ import annotations
 import json
 from dataclasses import asdict, dataclass
 
-SILENCE_S = 5.0
-"""A runner that shows no sign of life for this long is taken to hang."""
 BEAT_S = 0.2
 """Time between two signs of life."""
 GIVE_UP_S = 600.0
@@ -25,6 +23,7 @@ class Orders:
     slew_v_per_s : of the command
     gain, offset_v : drive = gain * command + offset_v
     report : file that the guard's report goes to; empty for none
+    silence_s : a runner that shows no sign of life for this long is taken to hang
     """
 
     address: str
@@ -35,6 +34,7 @@ class Orders:
     gain: float
     offset_v: float
     report: str = ""
+    silence_s: float = 5.0
 
     def to_json(self) -> str:
         return json.dumps(asdict(self))

@@ -26,13 +26,13 @@ from drivers.errors import InstrumentError
 from drivers.transport import Transport, open_transport
 from piezo_rig.guard import frames
 from piezo_rig.guard.frames import Kind
-from piezo_rig.guard.orders import SILENCE_S, Orders, Report
+from piezo_rig.guard.orders import Orders, Report
 from piezo_rig.guard.rest import bring_to_rest
 
 Opener = Callable[[str, str, float], Transport]
 
 GONE = "the runner is gone"
-SILENT = f"the runner showed no sign of life for {SILENCE_S:g} s"
+SILENT = "the runner stood still"
 
 
 class Watch:
@@ -60,7 +60,7 @@ class Watch:
         self._broken = False  # the last transfer failed: the line may hold anything
         self._finished = False
         self._unread = b""
-        runner.settimeout(SILENCE_S)
+        runner.settimeout(orders.silence_s)
         os.set_blocking(beats, False)
 
     def keep(self) -> Report | None:
@@ -82,7 +82,7 @@ class Watch:
         """Serve the runner until it is finished, gone or silent; why."""
         heard = time.monotonic()
         while not self._finished:
-            left = heard + SILENCE_S - time.monotonic()
+            left = heard + self._orders.silence_s - time.monotonic()
             either: list[Any] = [self._runner, self._beats]
             ready = select.select(either, [], [], max(0.0, left))[0]
             if not ready:

@@ -18,7 +18,7 @@ import numpy as np
 
 from piezo_rig.errors import InputError
 from piezo_rig.run_file.disk import sync
-from piezo_rig.run_file.layout import GUARD_SUFFIX, PART_SUFFIX
+from piezo_rig.run_file.layout import GUARD_SUFFIX, NEW_SUFFIX, PART_SUFFIX
 
 GROWING = ("event_log", "wire_transcript")
 BOOK = ("n_valid", "zero_v", "start_time", "stored_at")
@@ -165,6 +165,9 @@ def recover(folder: Path) -> list[Path]:
     Returns the runs that came out of it. A part that another program is still writing, or that
     cannot be read, stays where it is. What the guard reported goes into the run's log.
     """
+    for new in folder.glob("*" + NEW_SUFFIX):
+        if not _in_use(new):  # killed before anything could be recorded
+            new.unlink(missing_ok=True)
     recovered = []
     for part in sorted(folder.glob("*" + PART_SUFFIX)):
         if _in_use(part):

@@ -25,6 +25,7 @@ from dataclasses import dataclass, field
 
 SCHEMA_VERSION = 1
 PART_SUFFIX = ".part.h5"
+NEW_SUFFIX = PART_SUFFIX + ".new"
 GUARD_SUFFIX = ".guard.json"
 CHUNK = 65_536
 LOG_CHUNK = 16_384

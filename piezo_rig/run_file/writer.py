@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import fcntl
 import json
+import os
 import shutil
 import struct
 import time
@@ -29,6 +30,7 @@ from piezo_rig.run_file.layout import (
     CHUNK,
     DETAIL_PREFIX,
     LOG_CHUNK,
+    NEW_SUFFIX,
     PART_SUFFIX,
     SCHEMA_VERSION,
     UNITS,
@@ -75,14 +77,19 @@ class RunWriter:
             self.part.parent.mkdir(parents=True, exist_ok=True)
             if path.exists() != resumes or self.part.exists():
                 raise FileExistsError(17, "exists already, or is not there to be resumed")
-            self._file = h5py.File(self.part, "w-", libver="latest", track_order=True)
+            # Until it is in single-writer mode a file whose writer is killed cannot be read.
+            # Nothing is in it by then, and nobody sees it under a part's name.
+            new = self.part.with_name(self.part.name.removesuffix(PART_SUFFIX) + NEW_SUFFIX)
+            self._file = h5py.File(new, "w-", libver="latest", track_order=True)
             self._create()
             self._file.swmr_mode = True
             # HDF5 gives up its own lock in this mode. A shared one tells `recover` that the
             # writer lives, and lets readers in.
-            self._alive = self.part.open("rb")
+            self._alive = new.open("rb")
             fcntl.flock(self._alive, fcntl.LOCK_SH)
-            self._flush()
+            self._file.flush()
+            sync(new)
+            os.rename(new, self.part)
             sync(self.part.parent)  # its name, too, survives a power cut
 
     def _disk(self, doing: str) -> _DiskGuard:

@@ -69,6 +69,7 @@ def play(
             moved = bench.rest()
             stop.check()
             first = sweeps[0]
+            bench.step("preparing the run")
             bench.load(first.name, first.wave, plan.sample_rate)
             bench.instruments = bench.read_settings()  # as they are while the run plays
             headers = [sweep_header(plan, s, seam) for s in sweeps]

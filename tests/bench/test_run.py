@@ -240,7 +240,7 @@ def served_rig_of(folder: Path, addresses: dict[str, str]):
     return load_rig(str(path))
 
 
-@pytest.fixture()
+@pytest.fixture
 def real_bench(tmp_path, monkeypatch):
     """Instruments that count as real ones; their rig, plant and clock."""
     from drivers.simulated.bench import SimulatedBench
