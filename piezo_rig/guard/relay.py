@@ -42,7 +42,7 @@ class RelayTransport:
         self._lose = lose
         self._straight: Transport | None = None
         self._ask(Kind.OPEN, extra_s=_START_S)
-        self._observe("event", b"opened " + address.encode() + b" by way of the guard")
+        self._observe("event", b"opened " + address.encode())
 
     # ---------------------------------------------------------- as a transport
 

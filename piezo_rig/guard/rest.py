@@ -8,7 +8,7 @@ import time
 from drivers.clock import BenchClock, Clock, RealClock
 from drivers.errors import InstrumentError
 from drivers.transport import Transport
-from drivers.waveform_dac import Keysight33500B
+from drivers.waveform_dac import LATE_STEP_V, Keysight33500B
 from piezo_rig.guard.orders import GIVE_UP_S, Orders
 
 _RETRY_S = 1.0
@@ -56,7 +56,8 @@ def _attempt(line: Transport, orders: Orders, serial: str) -> dict[str, float]:
     clock = _clock(orders.clock)
     try:
         moved = dac.go_to_rest(
-            orders.rest_command_v, slew_v_per_s=orders.slew_v_per_s, clock=clock
+            orders.rest_command_v, slew_v_per_s=orders.slew_v_per_s, clock=clock,
+            largest_step_v=LATE_STEP_V,
         )
     finally:
         if isinstance(clock, BenchClock):

@@ -9,6 +9,7 @@ nobody asks whether it is complete. SILENCE is what the guard takes for a runner
 from __future__ import annotations
 
 import os
+import runpy
 import sys
 from collections.abc import Callable
 from dataclasses import replace
@@ -17,9 +18,7 @@ from drivers.clock import RealClock
 from piezo_rig.guard import Keeper, Orders
 
 
-def main() -> int:
-    from piezo_rig.cli import program
-
+def main() -> None:
     pipe, aimed_at, nth, seconds, silence = sys.argv[1:6]
     plain, start, seen = Keeper.step, Keeper.__init__, 0
 
@@ -38,8 +37,7 @@ def main() -> int:
     Keeper.step = step  # type: ignore[method-assign]
     Keeper.__init__ = begin  # type: ignore[method-assign, assignment]
     sys.argv[1:] = sys.argv[7:]
-    program()
-    return 0
+    runpy.run_module("piezo_rig", run_name="__main__")
 
 
 if __name__ == "__main__":
