@@ -79,13 +79,20 @@ def resume(args: argparse.Namespace) -> Path:
     from piezo_rig.resources import find
     from piezo_rig.run_file.close import find_run
     from piezo_rig.run_file.reader import Run
-    from piezo_rig.runner.resume import check_plan, check_recorded, config_path, seam_of
+    from piezo_rig.runner.resume import (
+        check_plan,
+        check_recorded,
+        check_rig,
+        config_path,
+        seam_of,
+    )
 
     given = Path(args.resume)
     recover_runs(given.parent)
     run = Run(find_run(given))
     check_recorded(run)
     rig = load_rig(args.rig or str(config_path(run)))
+    check_rig(run, rig)
     protocol = (
         load_protocol(find("protocols", args.protocol)) if args.protocol
         else recorded_protocol(run.texts["protocol_text"], str(run.path))

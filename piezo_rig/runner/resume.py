@@ -128,6 +128,32 @@ def _is_same_clock(recorded: str, clock: str) -> bool:
     return then.upper().startswith("TCPIP") and then.upper() == clock.upper()
 
 
+def check_rig(run: Run, rig: Rig) -> None:
+    """Whether the run was recorded with this rig, as far as its config and calibrations say.
+
+    Raises
+    ------
+    InputError : resume-mismatch
+    """
+    sums = json.loads(run.texts["calibrations"]).values()
+    calibrations = rig.amplifier_calibration, rig.interferometer_calibration
+    found = differences(run.texts["rig_config"], rig)
+    found += [f"calibration {c.path}" for c in calibrations if c.sha256 not in sums]
+    if found:
+        raise _mismatch(run, "; ".join(found))
+
+
+def check_plan(run: Run, plan: Plan) -> None:
+    """Whether the run was played from this plan.
+
+    Raises
+    ------
+    InputError : resume-mismatch
+    """
+    if run.texts["plan_hash"] != plan.hash:
+        raise _mismatch(run, f"plan {plan.hash[:16]}, was {run.texts['plan_hash'][:16]}")
+
+
 def check_recorded(run: Run) -> None:
     """Whether this is a run that can be gone on with at all.
 
@@ -142,25 +168,12 @@ def check_recorded(run: Run) -> None:
         )
 
 
-def check_plan(run: Run, plan: Plan) -> None:
-    """Whether this plan is the one that the run was played from.
-
-    Raises
-    ------
-    InputError : resume-mismatch; another protocol, config or calibration
-    """
-    found = differences(run.texts["rig_config"], plan.rig)
-    sums = json.loads(run.texts["calibrations"]).values()
-    calibrations = plan.rig.amplifier_calibration, plan.rig.interferometer_calibration
-    found += [f"calibration {c.path}" for c in calibrations if c.sha256 not in sums]
-    if run.texts["plan_hash"] != plan.hash:
-        found.append(f"plan {plan.hash[:16]} instead of {run.texts['plan_hash'][:16]}")
-    if found:
-        raise InputError(
-            "resume-mismatch", f"{run.path} was recorded with other settings: " + "; ".join(found),
-            "the protocol, the rig's config or a calibration was changed since",
-            "bring back what was changed, or begin a new run",
-        )
+def _mismatch(run: Run, what: str) -> InputError:
+    return InputError(
+        "resume-mismatch", f"{run.path} was recorded with other settings: {what}",
+        "the protocol, the rig's config or a calibration was changed since",
+        "bring back what was changed, or begin a new run",
+    )
 
 
 def differences(recorded: str, rig: Rig) -> list[str]:
