@@ -27,6 +27,9 @@ from piezo_rig.run_file.layout import InstrumentRecord
 Observer = Callable[[str, str, bytes], None]
 Confirm = Callable[[str], bool]
 
+SECONDS_PER_SAMPLE = 2e-5
+"""Fetching or storing one takes no longer, on a slow network or disk."""
+
 
 @dataclass(frozen=True, eq=False)
 class Recorded:
@@ -200,8 +203,9 @@ class Bench:
             self.dac.wait(duration_s)
             self.at_rest = True
             self._burst_end = 0.0
-            self.step(f"fetching {name}")
-            volts = self.digitizer.fetch(sorted(ranges), wave.command_v.size * setup.oversampling)
+            count = wave.command_v.size * setup.oversampling
+            self.step(f"fetching {name}", count * SECONDS_PER_SAMPLE)
+            volts = self.digitizer.fetch(sorted(ranges), count)
         return Recorded(
             sensor_v=volts[setup.sensor_channel],
             monitor_v=volts.get(setup.monitor_channel),

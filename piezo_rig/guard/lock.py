@@ -43,9 +43,7 @@ def hold(address: str, tell: Tell = lambda text: None, wait_s: float = WAIT_S) -
     InstrumentError : bench-busy
     """
     try:
-        descriptor = os.open(lock_path(address), os.O_RDWR | os.O_CREAT, 0o666)
-        with contextlib.suppress(OSError):
-            os.fchmod(descriptor, 0o666)  # another user's run has to see the same file
+        descriptor = _open(lock_path(address))
     except OSError:
         return -1
     try:
@@ -55,6 +53,16 @@ def hold(address: str, tell: Tell = lambda text: None, wait_s: float = WAIT_S) -
     except BaseException:
         os.close(descriptor)
         raise
+    return descriptor
+
+
+def _open(path: Path) -> int:
+    """Of any user: another's file is opened, one's own is left open to others."""
+    with contextlib.suppress(FileNotFoundError):
+        return os.open(path, os.O_RDWR)  # with O_CREAT, /tmp may refuse another user's file
+    descriptor = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
+    with contextlib.suppress(OSError):
+        os.fchmod(descriptor, 0o666)
     return descriptor
 
 

@@ -12,13 +12,13 @@ from collections.abc import Callable
 from datetime import UTC, datetime
 from pathlib import Path
 
-from piezo_rig.bench import Bench
+from piezo_rig.bench import SECONDS_PER_SAMPLE, Bench
 from piezo_rig.errors import LimitError, PiezoRigError
 from piezo_rig.protocol import Plan, PlannedSweep
 from piezo_rig.run_file.writer import RunWriter
 from piezo_rig.runner.headers import run_header, sweep_header
 from piezo_rig.runner.resume import Seam
-from piezo_rig.runner.safe import make_safe
+from piezo_rig.runner.safe import LONGEST_CLOSING_S, make_safe
 from piezo_rig.runner.stop import Stop
 from piezo_rig.runner.wire import Wire
 
@@ -116,7 +116,7 @@ class _Session:
         self._check()
         moved = self.bench.rest()
         self.writer.log(self._now(), "finished", stack_v=round(moved["to_v"], 3))
-        self.bench.step("closing the run")
+        self.bench.step("closing the run", LONGEST_CLOSING_S)
 
     def _now(self) -> float:
         return self.bench.clock.now() + self.shift_s
@@ -140,7 +140,7 @@ class _Session:
         self.writer.log(self._now(), "playing", sweep=sweep.name, condition=sweep.condition.name,
                         repeat=sweep.repeat)
         recorded = self.bench.play(sweep.name, sweep.wave, self.plan.sample_rate)
-        self.bench.step(f"storing {sweep.name}")
+        self.bench.step(f"storing {sweep.name}", recorded.sensor_v.size * SECONDS_PER_SAMPLE)
         self.writer.write_sweep(
             index, sweep.wave.command_v, recorded.sensor_v, recorded.monitor_v,
             recorded.start_time + self.shift_s,

@@ -10,6 +10,7 @@ from piezo_rig.errors import PiezoRigError
 from piezo_rig.run_file.writer import RunWriter
 from piezo_rig.runner.stop import say
 
+LONGEST_CLOSING_S = 3600.0  # a large run on a slow disk; the stack is at rest by then
 _ATTEMPTS = 2  # a line that broke is opened again by the second
 
 
@@ -33,7 +34,7 @@ def make_safe(
         if error is not None:
             writer.log(now(), "error", code=error.code, what=error.what)
     kept = writer.part
-    bench.step("closing the run")
+    bench.step("closing the run", LONGEST_CLOSING_S)
     with suppress(PiezoRigError):
         kept = writer.finish()
     with suppress(PiezoRigError):

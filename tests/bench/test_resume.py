@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import argparse
-import os
 import signal
+import subprocess
+import sys
 from contextlib import suppress
 from pathlib import Path
 
@@ -168,25 +169,23 @@ def test_a_condition_that_the_run_does_not_hold_is_named(tmp_path, capsys):
     assert "0-65" in said
 
 
+DIES = """
+import os, signal, sys
+from piezo_rig.cli import main
+from piezo_rig.runner.play import _Session
+plain = _Session._play
+def once(self, index, sweep):
+    plain(self, index, sweep)
+    os.kill(os.getpid(), signal.SIGKILL)
+_Session._play = once
+main(["run", "--resume", sys.argv[1]])
+"""
+
+
 def killed_while_resuming(path: Path) -> Path:
-    """A child process goes on with the run and dies after the first sweep that it stored."""
-    child = os.fork()
-    if child == 0:
-        from piezo_rig.runner.play import _Session
-
-        plain = _Session._play
-
-        def once(self: _Session, index: int, sweep: object) -> None:
-            plain(self, index, sweep)  # type: ignore[arg-type]
-            os.kill(os.getpid(), signal.SIGKILL)
-
-        _Session._play = once  # type: ignore[method-assign]
-        try:
-            main(["run", "--resume", str(path)])
-        finally:
-            os._exit(1)
-    _, status = os.waitpid(child, 0)
-    assert os.WTERMSIG(status) == signal.SIGKILL
+    """A process goes on with the run and dies after the first sweep that it stored."""
+    done = subprocess.run([sys.executable, "-c", DIES, str(path)], capture_output=True)
+    assert done.returncode == -signal.SIGKILL, done.stderr
     return path.with_name("r.part.h5")
 
 
