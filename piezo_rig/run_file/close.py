@@ -34,11 +34,13 @@ def close_part(part: Path, path: Path, events: Sequence[Event] = ()) -> Path:
 
     Parameters
     ----------
-    events : added to the log
+    events : added to the log; so is what the guard has reported, if it had to act
     """
     draft = path.with_name(path.name + ".tmp")
     draft.unlink(missing_ok=True)
+    report = path.with_name(path.name.removesuffix(".h5") + GUARD_SUFFIX)
     try:
+        events = [*events, *_reported(report)]
         with h5py.File(part, "r", swmr=True) as source:
             joined = path.exists() and _holds(path, source["entry"])
             if joined:
@@ -57,6 +59,7 @@ def close_part(part: Path, path: Path, events: Sequence[Event] = ()) -> Path:
         raise
     sync(path.parent)
     part.unlink()
+    report.unlink(missing_ok=True)
     return path
 
 
@@ -163,7 +166,7 @@ def recover(folder: Path) -> list[Path]:
     """Close every part file that a killed program left in ``folder``.
 
     Returns the runs that came out of it. A part that another program is still writing, or that
-    cannot be read, stays where it is. What the guard reported goes into the run's log.
+    cannot be read, stays where it is.
     """
     for new in folder.glob("*" + NEW_SUFFIX):
         if not _in_use(new):  # killed before anything could be recorded
@@ -173,11 +176,9 @@ def recover(folder: Path) -> list[Path]:
         if _in_use(part):
             continue
         stem = part.name.removesuffix(PART_SUFFIX)
-        report = part.with_name(stem + GUARD_SUFFIX)
         try:
-            events = [{"event": "recovered"}, *_reported(report)]
-            recovered.append(close_part(part, part.with_name(stem + ".h5"), events))
-            report.unlink(missing_ok=True)
+            path = part.with_name(stem + ".h5")
+            recovered.append(close_part(part, path, [{"event": "recovered"}]))
         except (OSError, KeyError, RuntimeError, ValueError):
             continue
     return recovered
@@ -207,10 +208,11 @@ def find_run(given: Path) -> Path:
 
 
 def _reported(report: Path) -> list[Event]:
-    """What the guard did after the runner was killed."""
-    if not report.exists():
+    """What the guard did after the runner was killed or stood still."""
+    try:
+        return [{"event": "guard", **json.loads(report.read_text(encoding="utf-8"))}]
+    except (OSError, ValueError):
         return []
-    return [{"event": "guard", **json.loads(report.read_text(encoding="utf-8"))}]
 
 
 def _in_use(part: Path) -> bool:

@@ -38,14 +38,14 @@ class Seam:
     ----------
     sweeps : what is to be played, in the order of the plan, under names that count on
     supersedes : name of a sweep to be played -> name of the one that it stands in for
-    end_s : end of the last recorded sweep, on the run's clock; None when there is none
-    stored_at : when it was stored, s since 1970 (UTC)
+    end_s : end of the last recorded sweep (of the log, where there is none), on the run's clock
+    stored_at : when that was stored, s since 1970 (UTC)
     same_clock : the bench's clock is the one that the run was recorded with
     """
 
     sweeps: tuple[PlannedSweep, ...]
     supersedes: dict[str, str] = field(default_factory=dict)
-    end_s: float | None = None
+    end_s: float = 0.0
     stored_at: float = 0.0
     same_clock: bool = False
 
@@ -54,14 +54,14 @@ class Seam:
 
         A bench's clock that went on is the run's. Otherwise the pause is the wall clock's.
         """
-        if self.end_s is None or (self.same_clock and clock_s >= self.end_s):
+        if self.same_clock and clock_s >= self.end_s:
             return 0.0
         return self.end_s + max(0.0, time.time() - self.stored_at) - clock_s
 
     def event(self, clock_s: float) -> dict[str, Any]:
         """For the log; ``clock_s`` on the run's clock."""
         return {
-            "pause_s": round(clock_s - (self.end_s or 0.0), 3), "sweeps": len(self.sweeps),
+            "pause_s": round(clock_s - self.end_s, 3), "sweeps": len(self.sweeps),
             "superseding": sorted(self.supersedes.values()),
         }
 
@@ -96,11 +96,12 @@ def seam_of(run: Run, plan: Plan, only: str = "") -> Seam:
     )
     supersedes = {s.name: held[_identity(s)].name for s in sweeps if _identity(s) in held}
     last = max(entries, key=lambda s: s.end_s, default=None)
+    events = run.events()
+    stored_at = run.path.stat().st_mtime if last is None else last.stored_at
     return Seam(
         sweeps, supersedes,
-        end_s=None if last is None else last.end_s,
-        stored_at=run.path.stat().st_mtime if last is None or last.stored_at is None
-        else last.stored_at,
+        end_s=last.end_s if last else events[-1]["time_s"] if events else 0.0,
+        stored_at=stored_at or run.path.stat().st_mtime,
         same_clock=_is_same_clock(run.texts["rig_config"], plan.rig.clock),
     )
 

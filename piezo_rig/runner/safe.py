@@ -11,6 +11,7 @@ from piezo_rig.run_file.writer import RunWriter
 from piezo_rig.runner.stop import say
 
 LONGEST_CLOSING_S = 3600.0  # a large run on a slow disk; the stack is at rest by then
+REST_V = 0.05  # nearer to 0 V than this there is nothing to announce
 _ATTEMPTS = 2  # a line that broke is opened again by the second
 
 
@@ -51,8 +52,7 @@ def come_to_rest(bench: Bench) -> dict[str, float] | None:
         with suppress(PiezoRigError):
             if left_s := bench.burst_left_s():
                 say(f"the burst that plays ends at rest, in {left_s:.1f} s\n")
-            else:
-                volts = bench.drive_v()
+            elif abs(volts := bench.drive_v()) > REST_V:
                 say(f"the stack is at {volts:.2f} V; the ramp to rest takes "
                     f"{bench.ramp_s(volts):.1f} s\n")
             moved = bench.rest()
