@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import os
 import socket
 import subprocess
@@ -55,7 +56,7 @@ class Keeper(Unguarded):
         handed = [theirs.fileno(), listen] + ([self._lock] if self._lock >= 0 else [])
         try:
             self._process = subprocess.Popen(
-                [sys.executable, "-m", "piezo_rig.guard", str(theirs.fileno()), str(listen),
+                [sys.executable, "-P", "-m", "piezo_rig.guard", str(theirs.fileno()), str(listen),
                  orders.to_json()],
                 pass_fds=handed, start_new_session=True, stdin=subprocess.DEVNULL,
                 stdout=subprocess.DEVNULL, env=_environment(),
@@ -72,7 +73,7 @@ class Keeper(Unguarded):
             os.close(listen)
         self._over = threading.Event()
         self._lost = False
-        self._may_last_until = time.monotonic() + SLACK_S
+        self._may_last_until = math.inf  # until the first step the operator may think
         self._relay: RelayTransport | None = None
         self._thread = threading.Thread(target=self._beat, name="signs of life", daemon=True)
         self._thread.start()

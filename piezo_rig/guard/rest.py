@@ -38,9 +38,11 @@ def bring_to_rest(
     while True:
         try:
             return _attempt(line, orders, serial)
-        except InstrumentError:
+        except Exception as error:  # whatever it is, giving up is no better than trying again
             if time.monotonic() >= until:
-                raise
+                if isinstance(error, InstrumentError):
+                    raise
+                raise InstrumentError("internal", line.instrument, repr(error)) from error
             RealClock().sleep(_RETRY_S)
             with contextlib.suppress(InstrumentError):
                 line.reopen()

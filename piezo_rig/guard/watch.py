@@ -85,14 +85,14 @@ class Watch:
             left = heard + self._orders.silence_s - time.monotonic()
             either: list[Any] = [self._runner, self._beats]
             ready = select.select(either, [], [], max(0.0, left))[0]
-            if not ready:
+            if not ready and self._serial is not None:
                 return SILENT
             if self._beats in ready and not self._hear():
                 return GONE
             if self._runner in ready:
                 try:
                     frame = frames.receive(self._runner)
-                except TimeoutError:
+                except (TimeoutError, ValueError):  # half a frame, or none that is known
                     return SILENT
                 if frame is None:
                     return GONE
@@ -100,6 +100,9 @@ class Watch:
                     self._serve(*frame)
                 except OSError:
                     return GONE
+                except Exception as error:  # a fault of the guard's own must not end the watch
+                    self._broken = True
+                    return f"the guard could not serve the runner ({error!r})"
             heard = time.monotonic()
         return ""
 

@@ -250,14 +250,14 @@ def planned_slew(plan: Plan) -> float:
 
 
 def _look_at_file(out: Path, plan: Plan, outcome: Outcome) -> None:
-    parts = list(out.glob("*" + PART_SUFFIX)) if out.exists() else []
-    runs = list(out.glob("*.h5")) if out.exists() else []
-    if not runs:
-        return  # killed before there was anything to record
-    if parts and not recover(out):
+    recover(out)
+    if list(out.glob("*" + PART_SUFFIX + "*")):
         outcome.faults.append("was not recovered")
         return
-    (path,) = out.glob("*.h5")
+    runs = list(out.glob("*.h5"))
+    if not runs:
+        return  # killed before there was anything to record
+    (path,) = runs
     run = Run(path)
     outcome.recovered = len(run.sweep_names)
     _, found = verify(path)

@@ -24,6 +24,7 @@ from piezo_rig.config import load_rig
 from piezo_rig.guard import Keeper, Orders
 from piezo_rig.guard.keeper import SLACK_S
 from piezo_rig.guard.lock import hold
+from piezo_rig.guard.rest import bring_to_rest
 from piezo_rig.guard.watch import asks
 from piezo_rig.run_file.reader import Run
 from piezo_rig.studies.kill_bench import (
@@ -220,15 +221,32 @@ def test_one_program_at_a_time_holds_a_generator(bench):
 
 def test_a_guard_that_was_never_armed_touches_nothing(bench):
     bench.reset_generator()
-    keeper = Keeper(orders_for(bench))
+    keeper = Keeper(orders_for(bench, silence_s=0.1))
     dac = Keysight33500B(keeper.transport(None))
     dac.connect()
-    began_s = bench.now()
+    os.kill(keeper.pid, signal.SIGTERM)  # it is deaf to this
+    assert dac.output_level() == 0.0
     keeper.end(False)  # the runner goes without a word
     os.close(hold(bench.address))
     _, volts = bench.recorded_until(bench.now())
     assert volts[-1] == 75.0
-    assert began_s < bench.now()
+
+
+def test_a_generator_that_stays_away_is_given_up_in_the_end():
+    line = DeadLine()
+    with pytest.raises(InstrumentError, match="did not answer"):
+        bring_to_rest(line, Orders("", 1.0, "real", -10.0, 40.0, 7.5, 75.0), "SIM1", 0.0)
+    assert line.asked
+
+
+class DeadLine:
+    """A line on which nobody answers."""
+
+    address, instrument, timeout_s, observer, asked = "nowhere", "waveform_dac", 1.0, None, 0
+
+    def write(self, data: bytes) -> None:
+        self.asked += 1
+        raise InstrumentError("instrument-timeout", "waveform_dac", "did not answer")
 
 
 def test_a_question_mark_inside_a_block_is_no_question():
