@@ -54,8 +54,7 @@ from drivers.scpi_values import INFINITE
 from drivers.transport import Transport
 
 STEP_V = 0.02
-LATE_STEP_V = 0.08
-_LATE_SHARE = 0.8  # of the time that the line has taken: how long a message is under way varies
+LATE_STEP_V = 0.1
 _LIMIT_V = 10.0  # of levels into a high impedance
 _TOLERANCE_V = 1e-3
 
@@ -274,19 +273,34 @@ class Keysight33500B:
         self, from_v: float, to_v: float, slew_v_per_s: float, clock: Clock,
         largest_step_v: float = STEP_V,
     ) -> None:
+        if largest_step_v > STEP_V:
+            self._ramp_by_clock(from_v, to_v, slew_v_per_s, clock, largest_step_v)
+            return
         steps = max(1, int(np.ceil(abs(to_v - from_v) / STEP_V - 1e-9)))
-        step_v = abs(to_v - from_v) / steps
+        for step in range(1, steps + 1):
+            # A full wait before every step: time lost elsewhere is never made good by haste.
+            clock.sleep(abs(to_v - from_v) / steps / slew_v_per_s)
+            value = from_v + (to_v - from_v) * step / steps
+            self._link.apply(Setting.number("SOUR1:VOLT:OFFS", value))
+
+    def _ramp_by_clock(
+        self, from_v: float, to_v: float, slew_v_per_s: float, clock: Clock, largest_step_v: float
+    ) -> None:
+        """Steps as large as the time since the last one allows, and no larger than given.
+
+        A single message that was late earns no larger step: what counts is the shorter of the last
+        two times.
+        """
+        pause_s = before_s = largest_step_v / 3.0 / slew_v_per_s
+        taken_s = 0.0  # by the messages, apart from the pause
         left_v, then = abs(to_v - from_v), clock.now()
         while left_v > 0.0:
-            # A full wait before every step; what the line takes beside it allows for more only
-            # where larger steps do.
-            now = clock.sleep(step_v / slew_v_per_s)
-            move_v = step_v
-            if largest_step_v > step_v:
-                late_v = _LATE_SHARE * slew_v_per_s * (now - then - step_v / slew_v_per_s)
-                move_v += min(max(0.0, late_v), largest_step_v - step_v)
+            wait_s = max(0.0, pause_s - taken_s)
+            now = clock.sleep(wait_s)
+            taken_s = now - then - wait_s
+            move_v = min(largest_step_v, slew_v_per_s * min(now - then, before_s))
             left_v = left_v - move_v if left_v > move_v + 1e-9 else 0.0
-            then = now
+            then, before_s = now, now - then
             value = to_v + (left_v if from_v > to_v else -left_v)
             self._link.apply(Setting.number("SOUR1:VOLT:OFFS", value))
 

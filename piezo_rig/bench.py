@@ -27,6 +27,8 @@ from piezo_rig.run_file.layout import InstrumentRecord
 Observer = Callable[[str, str, bytes], None]
 Confirm = Callable[[str], bool]
 
+RAMP_SHARE = 0.75
+"""Of the slew limit, for ramps to rest: they go in steps, and a message may be late."""
 SECONDS_PER_SAMPLE = 2e-5
 """Fetching or storing one takes no longer, on a slow network or disk."""
 
@@ -137,7 +139,7 @@ class Bench:
             self.step("going to rest", self.ramp_s(rig.limits.drive_max_v))
             moved = self.dac.go_to_rest(
                 rest_v=rig.rest_command_v,
-                slew_v_per_s=rig.limits.rest_slew_v_per_s / rig.gain,
+                slew_v_per_s=RAMP_SHARE * rig.limits.rest_slew_v_per_s / rig.gain,
                 clock=self.clock,
             )
         self.at_rest = True
@@ -157,7 +159,7 @@ class Bench:
 
     def ramp_s(self, drive_v: float) -> float:
         """How long a ramp from this drive to rest takes, s."""
-        return abs(drive_v) / self.rig.limits.rest_slew_v_per_s
+        return abs(drive_v) / (RAMP_SHARE * self.rig.limits.rest_slew_v_per_s)
 
     def step(self, name: str, expected_s: float = 0.0) -> None:
         """What the runner does now, and how long at most, for the guard."""
@@ -352,7 +354,7 @@ def orders(rig: Rig, report: Path | None) -> Orders:
     return Orders(
         address=rig.waveform_dac.address, timeout_s=rig.waveform_dac.timeout_s, clock=rig.clock,
         rest_command_v=rig.rest_command_v,
-        slew_v_per_s=rig.limits.rest_slew_v_per_s / rig.gain,
+        slew_v_per_s=RAMP_SHARE * rig.limits.rest_slew_v_per_s / rig.gain,
         gain=rig.gain, offset_v=rig.offset_v,
         report=str(report.resolve()) if report else "",
     )

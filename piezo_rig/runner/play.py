@@ -107,6 +107,7 @@ class _Session:
         rate, wait_s = self.plan.sample_rate, self.bench.rig.recovery_s
         durations = [s.samples / rate + wait_s * (s.history == "virgin") for s in sweeps]
         for index, sweep in enumerate(sweeps):
+            self._check()
             self.tell(_status(index, sweeps, sum(durations[index:])))
             if sweep.history == "virgin":
                 self._recover(sweep)
