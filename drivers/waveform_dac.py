@@ -274,7 +274,7 @@ class Keysight33500B:
         largest_step_v: float = STEP_V,
     ) -> None:
         if largest_step_v > STEP_V:
-            self._ramp_by_clock(from_v, to_v, slew_v_per_s, clock, largest_step_v)
+            self._ramp_on_slow_line(from_v, to_v, slew_v_per_s, clock, largest_step_v)
             return
         steps = max(1, int(np.ceil(abs(to_v - from_v) / STEP_V - 1e-9)))
         for step in range(1, steps + 1):
@@ -283,26 +283,24 @@ class Keysight33500B:
             value = from_v + (to_v - from_v) * step / steps
             self._link.apply(Setting.number("SOUR1:VOLT:OFFS", value))
 
-    def _ramp_by_clock(
+    def _ramp_on_slow_line(
         self, from_v: float, to_v: float, slew_v_per_s: float, clock: Clock, largest_step_v: float
     ) -> None:
-        """Steps as large as the time since the last one allows, and no larger than given.
+        """Larger steps after longer pauses, so that a slow line does not make a slow ramp.
 
-        A single message that was late earns no larger step: what counts is the shorter of the last
-        two times.
+        A step is what the slew limit allows for the pause before it, which lies between the answer
+        to one message and the next message. It is three times what the last message took.
         """
-        pause_s = before_s = largest_step_v / 3.0 / slew_v_per_s
-        taken_s = 0.0  # by the messages, apart from the pause
-        left_v, then = abs(to_v - from_v), clock.now()
+        left_v, pause_s, answered = abs(to_v - from_v), STEP_V / slew_v_per_s, clock.now()
         while left_v > 0.0:
-            wait_s = max(0.0, pause_s - taken_s)
-            now = clock.sleep(wait_s)
-            taken_s = now - then - wait_s
-            move_v = min(largest_step_v, slew_v_per_s * min(now - then, before_s))
-            left_v = left_v - move_v if left_v > move_v + 1e-9 else 0.0
-            then, before_s = now, now - then
+            now = clock.sleep(pause_s)
+            step_v = min(slew_v_per_s * (now - answered), largest_step_v)
+            left_v = left_v - step_v if left_v > step_v + 1e-9 else 0.0
             value = to_v + (left_v if from_v > to_v else -left_v)
             self._link.apply(Setting.number("SOUR1:VOLT:OFFS", value))
+            answered = clock.now()
+            pause_s = min(max(STEP_V, 3.0 * (answered - now) * slew_v_per_s), largest_step_v)
+            pause_s /= slew_v_per_s
 
     # --------------------------------------------------------------- waveforms
 

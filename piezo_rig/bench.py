@@ -28,7 +28,7 @@ Observer = Callable[[str, str, bytes], None]
 Confirm = Callable[[str], bool]
 
 RAMP_SHARE = 0.75
-"""Of the slew limit, for ramps to rest: they go in steps, and a message may be late."""
+"""Of the slew limit, for ramps to rest: they go in steps."""
 SECONDS_PER_SAMPLE = 2e-5
 """Fetching or storing one takes no longer, on a slow network or disk."""
 

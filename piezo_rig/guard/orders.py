@@ -54,7 +54,7 @@ class Report:
     step : what the runner was doing
     at_rest : the generator's settings, read back, say 0 V on the stack
     from_v, to_v : V on the stack, where at rest
-    duration_s : from the reason to rest, s of the bench's clock
+    duration_s : how long that took, s
     failure : why the stack is not known to be at rest
     wall_time : ISO 8601, UTC
     """

@@ -90,7 +90,7 @@ def test_a_run_that_is_killed_rests_and_keeps_what_was_stored(bench, protocol, t
     assert outcome.verdict is not None
     if state == "going to rest":
         assert outcome.verdict.killed_v > 70
-        assert outcome.verdict.slew_v_per_s < 310  # 225, and a step of 0.75 V in 10 ms
+        assert outcome.verdict.slew_v_per_s < 303  # 225, and a step in 10 ms
     if state == "playing":
         assert outcome.verdict.killed_v > 5
         (path,) = tmp_path.glob("*.h5")
