@@ -12,7 +12,9 @@ class Clock(Protocol):
 
     def now(self) -> float: ...
 
-    def sleep(self, seconds: float) -> None: ...
+    def sleep(self, seconds: float) -> float:
+        """Let time pass; what ``now`` says afterwards."""
+        ...
 
 
 class RealClock:
@@ -24,8 +26,9 @@ class RealClock:
     def now(self) -> float:
         return time.monotonic() - self._start
 
-    def sleep(self, seconds: float) -> None:
+    def sleep(self, seconds: float) -> float:
         time.sleep(max(0.0, seconds))
+        return self.now()
 
 
 class VirtualClock:
@@ -50,9 +53,10 @@ class VirtualClock:
             return self._ahead
         return self._ahead + (time.monotonic() - self._wall)
 
-    def sleep(self, seconds: float) -> None:
+    def sleep(self, seconds: float) -> float:
         with self._lock:
             self._ahead += max(0.0, seconds)
+            return self._now()
 
     def advance_to(self, instant: float) -> None:
         """Jump forward to ``instant``; never back."""
@@ -76,11 +80,13 @@ class BenchClock:
     def now(self) -> float:
         return float(self._link.query("CLOCK:TIME?"))
 
-    def sleep(self, seconds: float) -> None:
-        if seconds > 0:
-            usual = self._link.transport.timeout_s
-            # On a real clock the answer takes as long as the sleep.
-            self._link.query(f"CLOCK:SLEEP {seconds:.9g};:CLOCK:TIME?", timeout_s=seconds + usual)
+    def sleep(self, seconds: float) -> float:
+        if seconds <= 0:
+            return self.now()
+        usual = self._link.transport.timeout_s
+        # On a real clock the answer takes as long as the sleep.
+        message = f"CLOCK:SLEEP {seconds:.9g};:CLOCK:TIME?"
+        return float(self._link.query(message, timeout_s=seconds + usual))
 
     def close(self) -> None:
         self._link.close()

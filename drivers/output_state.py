@@ -9,10 +9,13 @@ from __future__ import annotations
 
 from typing import ClassVar
 
+from drivers.dac_codes import SMALLEST_SPAN_V
 from drivers.scpi_values import INFINITE, arb_name, parse_boolean, parse_number, same_word
 
 OWN_PREFIX = "PZ"
 """Begins the names of waveforms whose first point is LOW."""
+NARROW_V = SMALLEST_SPAN_V
+"""What HIGH and LOW are apart while nothing is to be played."""
 REST_NAME = "PZREST"
 """The waveform that is selected but never played."""
 
@@ -55,6 +58,10 @@ class OutputState:
             and same_word("BUS", said["trigger"])
             and self.cycles < 1e6
         )
+        # An idle burst of millivolts: the level is LOW, whatever the waveform's first point.
+        self.is_narrow = idles and same_word("ARB", self.function) and (
+            self.high - self.low <= NARROW_V + 1e-3
+        )
         name = arb_name(self.arb)
         # The rest waveform stays within a few millivolts of LOW whether it is burst or not.
         ours = (idles and name.startswith(OWN_PREFIX)) or name == REST_NAME
@@ -67,7 +74,7 @@ class OutputState:
             return 0.0
         if self.is_dc:
             return self.offset
-        return self.low if self.is_ours else None
+        return self.low if self.is_ours or self.is_narrow else None
 
     def describe(self) -> str:
         state = "on" if self.on else "off"

@@ -8,7 +8,7 @@ From that follows what this driver does and what it never does:
 
 * It never sends ``*RST``, never switches the output off, never changes FUNC
   while the output is on (one exception below), and never moves the level in
-  steps larger than `STEP_V`.
+  steps larger than `STEP_V` (a guard in a hurry: `LATE_STEP_V`, under the same slew limit).
 * At rest the generator sits in an idle burst of an arbitrary waveform: the
   output is the waveform's first point, code -32767, which is LOW = -10 V.
   Between sweeps only HIGH changes; before waveform memory is touched HIGH is
@@ -43,19 +43,18 @@ from drivers.clock import Clock
 from drivers.dac_codes import (
     FULL_SCALE,
     MEMORY_POINTS,
-    SMALLEST_SPAN_V,
     checked_codes,
     fitted_codes,
 )
 from drivers.errors import InstrumentError
 from drivers.identity import Identity
-from drivers.output_state import OWN_PREFIX, REST_NAME, OutputState
+from drivers.output_state import NARROW_V, OWN_PREFIX, REST_NAME, OutputState
 from drivers.scpi_instrument import ScpiInstrument, Setting
 from drivers.scpi_values import INFINITE
 from drivers.transport import Transport
 
 STEP_V = 0.02
-NARROW_V = SMALLEST_SPAN_V
+LATE_STEP_V = 0.1
 _LIMIT_V = 10.0  # of levels into a high impedance
 _TOLERANCE_V = 1e-3
 
@@ -70,7 +69,8 @@ class WaveformDac(Protocol):
     def output_level(self) -> float: ...
 
     def go_to_rest(
-        self, rest_v: float = -10.0, *, slew_v_per_s: float, clock: Clock
+        self, rest_v: float = -10.0, *, slew_v_per_s: float, clock: Clock,
+        largest_step_v: float = STEP_V,
     ) -> dict[str, float]: ...
 
     def load(
@@ -139,11 +139,14 @@ class Keysight33500B:
         return found.level
 
     def go_to_rest(
-        self, rest_v: float = -10.0, *, slew_v_per_s: float, clock: Clock
+        self, rest_v: float = -10.0, *, slew_v_per_s: float, clock: Clock,
+        largest_step_v: float = STEP_V,
     ) -> dict[str, float]:
         """Bring the output from whatever it was found at to rest, without a jump.
 
-        ``slew_v_per_s`` is in command volts. Waits for a burst that is running.
+        ``slew_v_per_s`` is in command volts. Waits for a burst that is running. Steps may be as
+        large as ``largest_step_v`` where the line is so slow that the slew allows it: for the one
+        who is in a hurry, because the messages then depend on the time that they take.
         Returns ``from_v``, ``to_v`` and ``duration_s``. InstrumentError
         bench-refused when a foreign waveform is on the output.
         """
@@ -167,17 +170,21 @@ class Keysight33500B:
                 self._ramp(from_v, narrow_at, slew_v_per_s, clock)
                 found = self._look()
             self._narrow_dc(found, slew_v_per_s, clock)
-            self._ramp(narrow_at, rest_v + NARROW_V / 2, slew_v_per_s, clock)
+            self._ramp(narrow_at, rest_v + NARROW_V / 2, slew_v_per_s, clock, largest_step_v)
             found = self._look()
             self._prepare_rest(found, rest_v)
         else:
+            if not found.is_ours:
+                # Somebody stopped between clearing the memory and selecting a waveform.
+                self._prepare_rest(found, from_v)
             self._burst_settings()
             self._pull_in(found)
         found = self._look()
         if found.level is None:
             raise self._refuse(found)
         if abs(found.level - rest_v) > _TOLERANCE_V:
-            self._ramp(found.offset, rest_v + found.offset - found.low, slew_v_per_s, clock)
+            self._ramp(found.offset, rest_v + found.offset - found.low, slew_v_per_s, clock,
+                       largest_step_v)
         to_v = self.output_level()
         if abs(to_v - rest_v) > 2 * _TOLERANCE_V:
             raise InstrumentError(
@@ -262,13 +269,38 @@ class Keysight33500B:
                 _unchanged("SOUR1:VOLT:LOW", found.low),
             )
 
-    def _ramp(self, from_v: float, to_v: float, slew_v_per_s: float, clock: Clock) -> None:
+    def _ramp(
+        self, from_v: float, to_v: float, slew_v_per_s: float, clock: Clock,
+        largest_step_v: float = STEP_V,
+    ) -> None:
+        if largest_step_v > STEP_V:
+            self._ramp_on_slow_line(from_v, to_v, slew_v_per_s, clock, largest_step_v)
+            return
         steps = max(1, int(np.ceil(abs(to_v - from_v) / STEP_V - 1e-9)))
         for step in range(1, steps + 1):
             # A full wait before every step: time lost elsewhere is never made good by haste.
             clock.sleep(abs(to_v - from_v) / steps / slew_v_per_s)
             value = from_v + (to_v - from_v) * step / steps
             self._link.apply(Setting.number("SOUR1:VOLT:OFFS", value))
+
+    def _ramp_on_slow_line(
+        self, from_v: float, to_v: float, slew_v_per_s: float, clock: Clock, largest_step_v: float
+    ) -> None:
+        """Larger steps after longer pauses, so that a slow line does not make a slow ramp.
+
+        A step is what the slew limit allows for the pause before it, which lies between the answer
+        to one message and the next message. It is three times what the last message took.
+        """
+        left_v, pause_s, answered = abs(to_v - from_v), STEP_V / slew_v_per_s, clock.now()
+        while left_v > 0.0:
+            now = clock.sleep(pause_s)
+            step_v = min(slew_v_per_s * (now - answered), largest_step_v)
+            left_v = left_v - step_v if left_v > step_v + 1e-9 else 0.0
+            value = to_v + (left_v if from_v > to_v else -left_v)
+            self._link.apply(Setting.number("SOUR1:VOLT:OFFS", value))
+            answered = clock.now()
+            pause_s = min(max(STEP_V, 3.0 * (answered - now) * slew_v_per_s), largest_step_v)
+            pause_s /= slew_v_per_s
 
     # --------------------------------------------------------------- waveforms
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -19,11 +20,17 @@ from drivers.clock import BenchClock, Clock, RealClock, VirtualClock
 from drivers.errors import InstrumentError
 from piezo_rig.config import Rig
 from piezo_rig.errors import BenchError, InputError, LimitError
+from piezo_rig.guard import Keeper, Orders, Unguarded
 from piezo_rig.protocol import Wave
 from piezo_rig.run_file.layout import InstrumentRecord
 
 Observer = Callable[[str, str, bytes], None]
 Confirm = Callable[[str], bool]
+
+RAMP_SHARE = 0.75
+"""Of the slew limit, for ramps to rest: they go in steps."""
+SECONDS_PER_SAMPLE = 2e-5
+"""Fetching or storing one takes no longer, on a slow network or disk."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,9 +46,11 @@ class Bench:
     """Connected instruments. Made by ``open_bench``."""
 
     def __init__(
-        self, rig: Rig, clock: Clock, dac: Any, digitizer: Any, amplifier: Any, interferometer: Any
+        self, rig: Rig, clock: Clock, dac: Any, digitizer: Any, amplifier: Any,
+        interferometer: Any, keeper: Unguarded | None = None,
     ) -> None:
         self.rig = rig
+        self.keeper = keeper or Unguarded()
         self.clock = clock
         self.dac = dac
         self.digitizer = digitizer
@@ -51,6 +60,7 @@ class Bench:
         self.instruments: tuple[InstrumentRecord, ...] = ()
         self.touched = False  # whether anything was sent that could move the piezo
         self.at_rest = False
+        self._burst_end = 0.0  # of the burst that may be playing, on the bench's clock
 
     def connect(self) -> None:
         """Identify every instrument and decide the run's origin; nothing moves yet.
@@ -80,12 +90,6 @@ class Bench:
                 "mend the addresses in the rig's config",
             )
         self.origin = "SIMULATED" if simulated["waveform_dac"] else "REAL"
-        if self.origin == "REAL":
-            raise LimitError(
-                "bench-real", "this bench is REAL, and this version plays simulated benches only",
-                "without a guard process a killed program could leave 75 V on the stack",
-                "use the simulated bench; real ones are opened by the release that has the guard",
-            )
         with instrument_errors():
             self.interferometer.set_switch(rig.sensitivity_switch)
         self.instruments = self.read_settings()
@@ -115,25 +119,56 @@ class Bench:
                 )
             )
 
+    def drive_v(self) -> float:
+        """Volts on the stack between bursts, from the generator's settings read back."""
+        with instrument_errors():
+            return self.rig.gain * float(self.dac.output_level()) + self.rig.offset_v
+
     def rest(self) -> dict[str, float]:
         """Bring the stack to 0 V without a jump; waits for a running burst first.
 
         Returns ``from_v``, ``to_v`` (volts on the stack) and ``duration_s``.
         """
-        self.touched = True
         rig = self.rig
+        if not self.touched:
+            self.drive_v()  # refuses what somebody else plays, before anything is sent
+        self.touched = True
+        self.at_rest = False
         with instrument_errors():
+            self.keeper.arm(self.dac.identity.serial)
+            self.step("going to rest", self.ramp_s(rig.limits.drive_max_v))
             moved = self.dac.go_to_rest(
                 rest_v=rig.rest_command_v,
-                slew_v_per_s=rig.limits.rest_slew_v_per_s / rig.gain,
+                slew_v_per_s=RAMP_SHARE * rig.limits.rest_slew_v_per_s / rig.gain,
                 clock=self.clock,
             )
         self.at_rest = True
+        self._burst_end = 0.0
         return {
             "from_v": rig.gain * moved["from_v"] + rig.offset_v,
             "to_v": rig.gain * moved["to_v"] + rig.offset_v,
             "duration_s": moved["duration_s"],
         }
+
+    def burst_left_s(self) -> float:
+        """How long the burst that may be playing still lasts, s; 0 without one."""
+        if not self._burst_end:
+            return 0.0
+        with instrument_errors():
+            return max(0.0, self._burst_end - self.clock.now())
+
+    def ramp_s(self, drive_v: float) -> float:
+        """How long a ramp from this drive to rest takes, s."""
+        return abs(drive_v) / (RAMP_SHARE * self.rig.limits.rest_slew_v_per_s)
+
+    def step(self, name: str, expected_s: float = 0.0) -> None:
+        """What the runner does now, and how long at most, for the guard."""
+        self.keeper.step(name, expected_s)
+
+    def check_guard(self) -> None:
+        """BenchError guard-lost when nobody would bring the stack to rest any more."""
+        with instrument_errors():
+            self.keeper.check()
 
     def _ranges(self) -> dict[int, float]:
         setup = self.rig.digitizer
@@ -155,20 +190,34 @@ class Bench:
         """Play one sweep under hardware timing: the generator's burst triggers the digitizer."""
         setup = self.rig.digitizer
         ranges = self._ranges()
+        duration_s = wave.codes.size / sample_rate
+        self.step(f"loading {name}")
         self.load(name, wave, sample_rate)
         with instrument_errors():
+            self.step(f"arming {name}")
             self.digitizer.arm()
             started = self.clock.now()
             self.at_rest = False
+            self._burst_end = started + duration_s
+            self.step(f"starting {name}")
             self.dac.start()
-            self.dac.wait(wave.command_v.size / sample_rate)
+            self.step(f"playing {name}", duration_s)
+            self.dac.wait(duration_s)
             self.at_rest = True
-            volts = self.digitizer.fetch(sorted(ranges), wave.command_v.size * setup.oversampling)
+            self._burst_end = 0.0
+            count = wave.command_v.size * setup.oversampling
+            self.step(f"fetching {name}", count * SECONDS_PER_SAMPLE)
+            volts = self.digitizer.fetch(sorted(ranges), count)
         return Recorded(
             sensor_v=volts[setup.sensor_channel],
             monitor_v=volts.get(setup.monitor_channel),
             start_time=started,
         )
+
+    @property
+    def may_be_left(self) -> bool:
+        """Whether nothing is left to be done: the stack is at rest, or was never moved."""
+        return self.at_rest or not self.touched
 
     def piezo(self) -> str:
         """Where the piezo is, in words for an error message."""
@@ -176,7 +225,10 @@ class Bench:
             return "not touched; nothing was sent that moves it"
         if self.at_rest:
             return "at 0 V (the generator rests at the lowest command)"
-        return "NOT known to be at 0 V: switch the amplifier off by hand"
+        return "NOT known to be at 0 V: " + (
+            "the guard goes on trying; if the generator stays away, "
+            if isinstance(self.keeper, Keeper) else ""
+        ) + "switch the amplifier off by hand"
 
 
 @contextmanager
@@ -185,7 +237,8 @@ def instrument_errors() -> Iterator[None]:
     try:
         yield
     except InstrumentError as error:
-        kind = LimitError if error.code == "bench-refused" else BenchError
+        refused = error.code in ("bench-refused", "bench-busy")
+        kind = LimitError if refused else BenchError
         cause, remedy = _USUAL.get(error.code, ("", ""))
         raise kind(
             error.code, str(error), error.cause or cause, error.remedy or remedy
@@ -219,9 +272,13 @@ _USUAL = {
 
 @contextmanager
 def open_bench(
-    rig: Rig, confirm: Confirm, observer: Observer | None = None, clock: Clock | None = None
+    rig: Rig, confirm: Confirm, observer: Observer | None = None, clock: Clock | None = None,
+    report: Path | None = None, tell: Callable[[str], None] = lambda text: None,
 ) -> Iterator[Bench]:
     """Connect a rig's instruments; on leaving, the lines are closed.
+
+    The generator's line is held by a guard process, which brings the stack to rest if this
+    process cannot. A simulated bench in this very process ends with it and has none.
 
     Parameters
     ----------
@@ -229,6 +286,8 @@ def open_bench(
     confirm : asks the operator a yes-or-no question (the interferometer's switch)
     observer : sees every byte: instrument, direction (``out``, ``in``, ``event``), data
     clock : replaces the clock that the config names
+    report : where the guard writes what it did, if it has to act
+    tell : takes a line about what is waited for
 
     Raises
     ------
@@ -251,17 +310,24 @@ def open_bench(
         if close:
             stack.callback(close)
 
-        def line(name: str, link: Any) -> Any:
-            def watch(direction: str, data: bytes) -> None:
-                if observer:
-                    observer(name, direction, data)
+        def watch(name: str) -> Callable[[str, bytes], None]:
+            return lambda direction, data: observer(name, direction, data) if observer else None
 
-            transport = open_transport(link.address, name, link.timeout_s, observer=watch)
+        def line(name: str, link: Any) -> Any:
+            transport = open_transport(link.address, name, link.timeout_s, observer=watch(name))
             stack.callback(transport.close)
             return transport
 
+        keeper = Unguarded()
+        bench: Bench | None = None
         with instrument_errors():
-            dac = Keysight33500B(line("waveform_dac", rig.waveform_dac))
+            if rig.simulated:
+                dac = Keysight33500B(line("waveform_dac", rig.waveform_dac))
+            else:
+                keeper = guard = Keeper(orders(rig, report), tell)
+                stack.callback(lambda: guard.end(bench is None or bench.may_be_left))
+                dac = Keysight33500B(guard.transport(watch("waveform_dac")))
+                stack.callback(dac.close)
             digitizer = KeysightL4532A(line("digitizer", rig.digitizer.link), clock)
             amplifier: Any
             if rig.amplifier.driver == "manual":
@@ -278,9 +344,20 @@ def open_bench(
             rig.interferometer_calibration.sensitivities_um_per_v,
             rig.interferometer.serial,
         )
-        bench = Bench(rig, clock, dac, digitizer, amplifier, interferometer)
+        bench = Bench(rig, clock, dac, digitizer, amplifier, interferometer, keeper)
         bench.connect()
         yield bench
+
+
+def orders(rig: Rig, report: Path | None) -> Orders:
+    """What the guard of a rig's generator is told."""
+    return Orders(
+        address=rig.waveform_dac.address, timeout_s=rig.waveform_dac.timeout_s, clock=rig.clock,
+        rest_command_v=rig.rest_command_v,
+        slew_v_per_s=RAMP_SHARE * rig.limits.rest_slew_v_per_s / rig.gain,
+        gain=rig.gain, offset_v=rig.offset_v,
+        report=str(report.resolve()) if report else "",
+    )
 
 
 def _is_simulated(dac: Any) -> bool:

@@ -8,6 +8,7 @@ answers at once.
 from __future__ import annotations
 
 import argparse
+import contextlib
 import importlib
 import os
 import signal
@@ -70,8 +71,11 @@ def program() -> None:
     for number in (signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.default_int_handler)  # ends the program as Ctrl-C does
     status = main()
-    sys.stdout.flush()
-    sys.stderr.flush()
+    for stream in (sys.stdout, sys.stderr):
+        try:
+            stream.flush()
+        except OSError:  # the terminal was closed; the status still tells what happened
+            os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
     if status == INSTRUMENT:
         # A disk that failed under HDF5 makes its clean-up at exit fail too, with a crash.
         os._exit(status)
@@ -91,18 +95,24 @@ def main(argv: Sequence[str] | None = None) -> int:
         sys.stdout.flush()
         return status
     except PiezoRigError as error:
-        print(error.block(), file=sys.stderr)
+        _say(error.block())
         return error.exit_status
     except KeyboardInterrupt:
-        print("error[aborted]: stopped by the operator", file=sys.stderr)
+        _say("error[aborted]: stopped by the operator")
         return ABORTED
     except BrokenPipeError:
         # Whoever read our output has gone; say nothing more, not even while shutting down.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return BAD_INPUT
     except Exception as error:  # the last net: a technician never sees a traceback
-        print(_internal(error), file=sys.stderr)
+        _say(_internal(error))
         return BAD_INPUT
+
+
+def _say(text: str) -> None:
+    """To stderr, if anybody is there to read it."""
+    with contextlib.suppress(OSError):
+        print(text, file=sys.stderr, flush=True)
 
 
 def _internal(error: Exception) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 import time
+from contextlib import suppress
 from typing import TextIO
 
 
@@ -43,15 +44,17 @@ class Progress:
         if not force and now - self._last < self.every_s:
             return
         self._last = now
-        if self.tty:
-            self.stream.write("\r" + text.ljust(self._width))
-            self._width = len(text)
-        else:
-            self.stream.write(text + "\n")
-        self.stream.flush()
+        with suppress(OSError):  # a terminal that is gone does not stop a run; its signal does
+            if self.tty:
+                self.stream.write("\r" + text.ljust(self._width))
+                self._width = len(text)
+            else:
+                self.stream.write(text + "\n")
+            self.stream.flush()
 
     def close(self) -> None:
         """Leave the line as it stands and go on below it."""
         if self.tty and self._width:
-            self.stream.write("\n")
+            with suppress(OSError):
+                self.stream.write("\n")
             self._width = 0

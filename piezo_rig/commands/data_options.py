@@ -111,7 +111,7 @@ def load_data(args: argparse.Namespace) -> tuple[list[Sweep], dict[str, str]]:
         faults = {v.sweep: v.text for v in found if v.fault and v.sweep}
         for faulty, text in faults.items():
             print(f"warning: {shown[path]}: {faulty} is left out: {text}")
-        good = [n for n in names if n not in faults]
+        good = [n for n in names if n not in faults and n in run.active_names]
         sweeps += run.sweeps(good) if good else []
     for found_sweeps in by_recording.values():
         sweeps += found_sweeps

@@ -44,7 +44,11 @@ def execute(args: argparse.Namespace) -> int:
     for s in sweeps:
         drive, travel = s.drive_v, s.displacement_um
         print(f"{s.name}  {s.condition:<16} {s.repeat:>3}  {s.history:<8} {s.samples:>8}  "
-              f"{drive.min():6.2f} .. {drive.max():6.2f}  {np.ptp(travel):9.3f}")
+              f"{drive.min():6.2f} .. {drive.max():6.2f}  {np.ptp(travel):9.3f}"
+              + ("" if s.resumed_after_s is None else f"  resumed after {s.resumed_after_s:.0f} s"))
+    for entry in run.entries():
+        if entry.superseded_by:
+            print(f"{entry.name}  superseded by {entry.superseded_by}")
     if sweeps:
         widest = max(sweeps, key=lambda s: float(np.ptp(s.drive_v)))
         print()

@@ -66,6 +66,16 @@ def load_protocol(path: Path) -> Protocol:
     return parse_protocol(Document.load(path, "protocol", "protocol file"))
 
 
+def recorded_protocol(text: str, run: str) -> Protocol:
+    """The protocol that a run carries.
+
+    Raises
+    ------
+    InputError : names the run, line and key
+    """
+    return parse_protocol(Document(text, run, "protocol"))
+
+
 def parse_protocol(document: Document) -> Protocol:
     """A protocol from a parsed document."""
     root = document.root()

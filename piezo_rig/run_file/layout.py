@@ -7,14 +7,16 @@
 /entry/sweep_0001 ...     NXcollection: command_v, sensor_v, drive_monitor_v and attributes
 /entry/instrument/NAME    NXcollection: idn, settings (JSON), serial
 /entry/sample             NXsample: the actuator
-/entry/recording          per-sweep bookkeeping: n_valid, zero_v, start_time
+/entry/recording          per-sweep bookkeeping: n_valid, zero_v, start_time, stored_at
 /entry/event_log          bytes: one JSON object a line
 /entry/wire_transcript    bytes: records of `wire`
 ```
 
 While a run is being recorded the same layout stands in ``NAME.part.h5``; what
 is only known afterwards (zero, start time) is in ``recording`` and becomes
-attributes of the sweeps when the run is closed.
+attributes of the sweeps when the run is closed. A run that is resumed keeps its
+file; what is recorded after the seam stands in a part file beside it and is
+joined to it when that is closed.
 """
 
 from __future__ import annotations
@@ -23,6 +25,8 @@ from dataclasses import dataclass, field
 
 SCHEMA_VERSION = 1
 PART_SUFFIX = ".part.h5"
+NEW_SUFFIX = PART_SUFFIX + ".new"
+GUARD_SUFFIX = ".guard.json"
 CHUNK = 65_536
 LOG_CHUNK = 16_384
 WIRE_CHUNK = 65_536
@@ -52,6 +56,7 @@ class SweepHeader:
     repeat: int
     history: str
     oversampling: int = 1
+    supersedes: str = ""
     details: dict[str, Scalar] = field(default_factory=dict)
 
 
@@ -83,4 +88,5 @@ class RunHeader:
     instruments: tuple[InstrumentRecord, ...] = ()
     monitor: bool = True
     calibrations: dict[str, str] = field(default_factory=dict)
+    rig_path: str = ""
     notes: tuple[str, ...] = ()

@@ -6,6 +6,7 @@ import hashlib
 import json
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -18,8 +19,29 @@ from piezo_rig.run_file.layout import DETAIL_PREFIX, REQUIRED_ATTRIBUTES, SCHEMA
 from piezo_rig.run_file.sweep import HISTORIES, ORIGINS, Sweep
 
 
+@dataclass(frozen=True)
+class Entry:
+    """What a run says of one sweep, without its data.
+
+    Attributes
+    ----------
+    end_s : when it ended, on the run's clock
+    stored_at : s since 1970 (UTC); None where the run does not say
+    superseded_by : name of the sweep that was played in its stead; empty if none was
+    """
+
+    name: str
+    condition: str
+    repeat: int
+    end_s: float
+    stored_at: float | None
+    superseded_by: str
+
+
 class Run:
     """One run file, opened for reading and closed again after every access.
+
+    ``sweep_names`` are all that it holds, ``active_names`` those that no other supersedes.
 
     Raises
     ------
@@ -43,6 +65,9 @@ class Run:
                 )
             self.attributes = {k: _plain(v) for k, v in entry.attrs.items()}
             self.sweep_names = sorted(n for n in entry if n.startswith("sweep_"))
+            self.active_names = [
+                n for n in self.sweep_names if "superseded_by" not in entry[n].attrs
+            ]
             self.texts = {
                 k: _plain(v[()]) for k, v in entry.items()
                 if isinstance(v, h5py.Dataset) and v.shape == () and v.dtype.kind in "SO"
@@ -89,9 +114,25 @@ class Run:
             ) from None
 
     def sweeps(self, names: list[str] | None = None) -> list[Sweep]:
-        """The sweeps, all or those named, with their data."""
+        """The sweeps, those named or all that are not superseded, with their data.
+
+        A sweep that carries the history of one that was played again stands alone: its history
+        is unknown to whoever does not look at the other.
+        """
+        wanted = self.active_names if names is None else names
         with self._open() as entry:
-            return [_sweep(entry, name, self.path) for name in names or self.sweep_names]
+            return [self._linked(_sweep(entry, name, self.path)) for name in wanted]
+
+    def _linked(self, sweep: Sweep) -> Sweep:
+        before = self.sweep_names[: self.sweep_names.index(sweep.name)][-1:]
+        if sweep.history == "carried" and not set(before) <= set(self.active_names):
+            return sweep.with_(history="unknown")
+        return sweep
+
+    def entries(self) -> list[Entry]:
+        """What the run says of every sweep, the superseded ones too."""
+        with self._open() as entry:
+            return [_entry(entry[name]) for name in self.sweep_names]
 
     def events(self) -> list[dict[str, Any]]:
         """The event log."""
@@ -128,6 +169,15 @@ def _plain(value: Any) -> Any:
 
 def _first_line(error: BaseException) -> str:
     return (str(error).splitlines() or [type(error).__name__])[0][:200]
+
+
+def _entry(group: h5py.Group) -> Entry:
+    a = {k: _plain(v) for k, v in group.attrs.items()}
+    return Entry(
+        name=group.name.rsplit("/", 1)[1], condition=str(a["condition"]), repeat=int(a["repeat"]),
+        end_s=float(a["start_time"]) + group["command_v"].size / float(a["sample_rate"]),
+        stored_at=a.get("stored_at"), superseded_by=str(a.get("superseded_by", "")),
+    )
 
 
 def _sweep(entry: h5py.Group, name: str, path: Path) -> Sweep:
@@ -175,6 +225,7 @@ def _sweep(entry: h5py.Group, name: str, path: Path) -> Sweep:
         drive_monitor_v=channels["drive_monitor_v"],
         sample_times_s=None if times is None else np.asarray(times[...], dtype=float),
         source=str(path),
+        resumed_after_s=a.get("resumed_after_s"), superseded_by=str(a.get("superseded_by", "")),
         details={
             k.removeprefix(DETAIL_PREFIX): v for k, v in a.items() if k.startswith(DETAIL_PREFIX)
         },

@@ -39,6 +39,8 @@ class Sweep:
     sample_times_s : shape (n,), only for recordings whose samples are not evenly spaced
     source : the file that it came from, for messages
     details : further attributes of the condition (lower_v, upper_v, frequency_hz ...)
+    resumed_after_s : pause since the sweep before, where a run was resumed; None elsewhere
+    superseded_by : name of the sweep that was played in its stead; empty if none was
     """
 
     name: str
@@ -59,6 +61,8 @@ class Sweep:
     sample_times_s: FloatArray | None = None
     source: str = ""
     details: dict[str, float | str | int | bool] = field(default_factory=dict)
+    resumed_after_s: float | None = None
+    superseded_by: str = ""
 
     @property
     def samples(self) -> int:

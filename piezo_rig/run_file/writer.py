@@ -9,8 +9,11 @@ from __future__ import annotations
 
 import fcntl
 import json
+import os
 import shutil
 import struct
+import time
+import uuid
 from collections.abc import Sequence
 from pathlib import Path
 from types import TracebackType
@@ -27,6 +30,7 @@ from piezo_rig.run_file.layout import (
     CHUNK,
     DETAIL_PREFIX,
     LOG_CHUNK,
+    NEW_SUFFIX,
     PART_SUFFIX,
     SCHEMA_VERSION,
     UNITS,
@@ -52,14 +56,18 @@ class RunWriter:
     ----------
     path : final name, ``*.h5``; must not exist
     header, sweeps : what is known beforehand
+    resumes : ``path`` exists, and what is recorded is joined to it when the run is closed
 
     Raises
     ------
     BenchError : the disk refused (exit 4); the message names the part file that remains
     """
 
-    def __init__(self, path: Path, header: RunHeader, sweeps: Sequence[SweepHeader]) -> None:
+    def __init__(
+        self, path: Path, header: RunHeader, sweeps: Sequence[SweepHeader], resumes: bool = False
+    ) -> None:
         self.path = path
+        self.resumes = resumes
         self.part = part_path(path)
         self.header = header
         self.sweeps = list(sweeps)
@@ -67,16 +75,22 @@ class RunWriter:
         self._names = [i.name for i in header.instruments]
         with self._disk("create the run file"):
             self.part.parent.mkdir(parents=True, exist_ok=True)
-            if path.exists() or self.part.exists():
-                raise FileExistsError(17, "exists already")
-            self._file = h5py.File(self.part, "w-", libver="latest", track_order=True)
+            if path.exists() != resumes or self.part.exists():
+                raise FileExistsError(17, "exists already, or is not there to be resumed")
+            # Until it is in single-writer mode a file whose writer is killed cannot be read.
+            # Nothing is in it by then, and nobody sees it under a part's name.
+            new = self.part.with_name(self.part.name.removesuffix(PART_SUFFIX) + NEW_SUFFIX)
+            self._file = h5py.File(new, "w-", libver="latest", track_order=True)
             self._create()
             self._file.swmr_mode = True
             # HDF5 gives up its own lock in this mode. A shared one tells `recover` that the
             # writer lives, and lets readers in.
-            self._alive = self.part.open("rb")
+            self._alive = new.open("rb")
             fcntl.flock(self._alive, fcntl.LOCK_SH)
-            self._flush()
+            self._file.flush()
+            sync(new)
+            os.rename(new, self.part)
+            sync(self.part.parent)  # its name, too, survives a power cut
 
     def _disk(self, doing: str) -> _DiskGuard:
         return _DiskGuard(doing, self.part)
@@ -87,10 +101,11 @@ class RunWriter:
         entry = f.create_group("entry")
         entry.attrs.update(
             NX_class="NXentry", default="loop", schema_version=SCHEMA_VERSION,
-            origin=header.origin,
+            origin=header.origin, session=uuid.uuid4().hex, resumes=self.resumes,
         )
         for name in (
-            "title", "protocol_text", "plan_hash", "rig_config", "operator", "start_time",
+            "title", "protocol_text", "plan_hash", "rig_config", "rig_path", "operator",
+            "start_time",
             "software_version", "git_revision",
         ):
             _text(entry, name, getattr(header, name))
@@ -114,6 +129,7 @@ class RunWriter:
         book.create_dataset("n_valid", data=np.zeros(count, dtype=np.int64))
         book.create_dataset("zero_v", data=np.full(count, np.nan))
         book.create_dataset("start_time", data=np.full(count, np.nan))
+        book.create_dataset("stored_at", data=np.full(count, np.nan))
         for name, chunk in (("event_log", LOG_CHUNK), ("wire_transcript", WIRE_CHUNK)):
             entry.create_dataset(
                 name, shape=(0,), maxshape=(None,), dtype=np.uint8, chunks=(chunk,),
@@ -129,6 +145,8 @@ class RunWriter:
                      "repeat", "history"):
             group.attrs[name] = getattr(sweep, name)
         group.attrs["origin"] = self.header.origin
+        if sweep.supersedes:
+            group.attrs["supersedes"] = sweep.supersedes
         for key, value in sweep.details.items():
             group.attrs[DETAIL_PREFIX + key] = value
         measured = sweep.samples * sweep.oversampling
@@ -154,7 +172,8 @@ class RunWriter:
         sweep = self.sweeps[index]
         channels = 2 if self.header.monitor else 1
         next_bytes = sweep.samples * (8 + 4 * channels * sweep.oversampling)
-        need = self.part.stat().st_size + 3 * next_bytes + RESERVE
+        held = self.part.stat().st_size + (self.path.stat().st_size if self.resumes else 0)
+        need = held + 3 * next_bytes + RESERVE
         free = shutil.disk_usage(self.part.parent).free
         if free < need:
             raise BenchError(
@@ -184,6 +203,7 @@ class RunWriter:
             book = self._file["entry/recording"]
             book["zero_v"][index] = float(sensor[0])
             book["start_time"][index] = start_time
+            book["stored_at"][index] = time.time()
             self._append_wire()
             self._flush()
             if shutil.disk_usage(self.part.parent).free < 65_536:

@@ -20,7 +20,6 @@ from drivers.clock import VirtualClock
 from piezo_rig.bench import open_bench, simulated_instruments
 from piezo_rig.cli import main
 from piezo_rig.config import load_rig
-from piezo_rig.errors import LimitError
 from piezo_rig.protocol import build_plan, load_protocol
 from piezo_rig.resources import shipped_folder
 from piezo_rig.run_file.reader import Run
@@ -241,22 +240,41 @@ def served_rig_of(folder: Path, addresses: dict[str, str]):
     return load_rig(str(path))
 
 
-def test_a_real_bench_is_refused_before_anything_moves_or_is_asked(tmp_path, monkeypatch):
+@pytest.fixture
+def real_bench(tmp_path, monkeypatch):
+    """Instruments that count as real ones; their rig, plant and clock."""
     from drivers.simulated.bench import SimulatedBench
     from drivers.simulated.plant import Plant
 
     clock, plant = VirtualClock(), Plant()
-    asked = []
     with SimulatedBench(plant, clock) as served:
-        rig = served_rig_of(tmp_path, served.addresses)
         # what marks a simulated serial number is not what these instruments answer with
         monkeypatch.setattr("drivers.identity.SIMULATED_PREFIX", "OTHER")
-        with pytest.raises(LimitError) as caught, open_bench(rig, asked.append, None, clock):
-            pass
-    assert caught.value.code == "bench-real"
-    assert caught.value.exit_status == 3
+        yield served_rig_of(tmp_path, served.addresses), plant, clock
+
+
+def test_a_real_bench_does_not_move_before_the_operator_has_said_yes(real_bench):
+    from piezo_rig.errors import BenchError
+
+    rig, plant, clock = real_bench
+    asked = []
+    with pytest.raises(BenchError) as caught, open_bench(rig, asked.append, None, clock):
+        pass
+    assert caught.value.code == "instrument-setting"
+    assert ["sensitivity switch at 3" in question for question in asked] == [True]
     assert plant.stack_v(clock.now()) == 75.0  # as it was found
-    assert asked == []
+
+
+def test_a_real_bench_plays_under_a_guard(real_bench, tmp_path, protocol):
+    rig, plant, clock = real_bench
+    wire = Wire()
+    with open_bench(rig, lambda question: True, wire, clock) as bench:
+        assert bench.keeper.pid > 0
+        plan = build_plan(load_protocol(protocol), rig)
+        run = Run(play(plan, bench, tmp_path / "r.h5", wire))
+    assert run.origin == "REAL"
+    assert run.complete
+    assert abs(plant.stack_v(clock.now())) < 0.01
 
 
 def test_the_settings_in_the_run_are_those_it_was_played_with(played):
