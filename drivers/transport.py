@@ -22,7 +22,8 @@ import select
 import socket
 import struct
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager
 from typing import Any, Protocol
 
 from drivers.errors import InstrumentError
@@ -32,14 +33,15 @@ Observer = Callable[[str, bytes], None]
 
 _CHUNK = 1 << 16
 _WRITE_CHUNK = 4096  # what pyvisa-py sends at once
-_LONGEST_LINE = 1 << 20
+_LONGEST_LINE = 1 << 16
 
 
 class Transport(Protocol):
     """A line to one instrument.
 
     Every method may raise InstrumentError: instrument-refused,
-    instrument-timeout, instrument-hangup or instrument-garbage.
+    instrument-timeout, instrument-hangup or instrument-garbage. Each has
+    ``timeout_s`` for itself, unless it stands inside `within`.
     """
 
     address: str
@@ -59,10 +61,30 @@ class Transport(Protocol):
 
     def read_exactly(self, count: int) -> bytes: ...
 
+    def read_some(self) -> bytes:
+        """What there is, at least one byte."""
+        ...
+
+    def take_unasked(self) -> bytes:
+        """What has come without being read, taken off the line; does not wait."""
+        ...
+
+    def within(self, seconds: float | None = None) -> AbstractContextManager[None]:
+        """All that is done inside has this long together (``timeout_s`` when None).
+
+        An instrument that sends a byte now and then cannot stretch it, and an
+        outer `within` cannot be exceeded by an inner one.
+        """
+        ...
+
     def close(self) -> None: ...
 
     def reopen(self) -> None:
-        """Close and open again; whatever was on its way is lost."""
+        """Close and open again.
+
+        Whatever was on its way over a socket is lost; a serial line has no
+        connections, and an answer that is late may still come.
+        """
         ...
 
 
@@ -77,6 +99,8 @@ class _BufferedTransport(abc.ABC):
         self.timeout_s = timeout_s
         self.observer = observer
         self._buffer = bytearray()
+        self._deadline: float | None = None
+        self._allowed_s = timeout_s
         self._is_open = False
         self._open()
         self._is_open = True
@@ -95,16 +119,38 @@ class _BufferedTransport(abc.ABC):
     def _receive(self, wanted: int, deadline: float) -> bytes:
         """At least one byte before the deadline, or an InstrumentError."""
 
+    @abc.abstractmethod
+    def _waiting(self) -> bytes:
+        """What can be had without waiting; empty too where that cannot be told."""
+
+    @contextlib.contextmanager
+    def within(self, seconds: float | None = None) -> Iterator[None]:
+        before = self._deadline, self._allowed_s
+        allowed = self.timeout_s if seconds is None else seconds
+        deadline = time.monotonic() + allowed
+        if before[0] is None or deadline < before[0]:
+            self._deadline, self._allowed_s = deadline, allowed
+        try:
+            yield
+        finally:
+            self._deadline, self._allowed_s = before
+
+    def _until(self) -> float:
+        if self._deadline is not None:
+            return self._deadline
+        self._allowed_s = self.timeout_s
+        return time.monotonic() + self.timeout_s
+
     def write(self, data: bytes) -> None:
         self._must_be_open()
         self._observe("out", data)
-        self._send(data, time.monotonic() + self.timeout_s)
+        self._send(data, self._until())
 
     def read_line(self) -> bytes:
         return self.read_until(b"\n").rstrip(b"\r\n")
 
     def read_until(self, terminator: bytes) -> bytes:
-        deadline = time.monotonic() + self.timeout_s
+        deadline = self._until()
         begin = 0
         while (end := self._buffer.find(terminator, begin)) < 0:
             if len(self._buffer) > _LONGEST_LINE:
@@ -114,10 +160,20 @@ class _BufferedTransport(abc.ABC):
         return self._take(end + len(terminator))
 
     def read_exactly(self, count: int) -> bytes:
-        deadline = time.monotonic() + self.timeout_s
+        deadline = self._until()
         while len(self._buffer) < count:
             self._fill(count - len(self._buffer), deadline)
         return self._take(count)
+
+    def read_some(self) -> bytes:
+        if not self._buffer:
+            self._fill(1, self._until())
+        return self._take(len(self._buffer))
+
+    def take_unasked(self) -> bytes:
+        self._must_be_open()
+        self._buffer += self._waiting()
+        return self._take(len(self._buffer)) if self._buffer else b""
 
     def close(self) -> None:
         if self._is_open:
@@ -134,8 +190,7 @@ class _BufferedTransport(abc.ABC):
 
     def _fill(self, wanted: int, deadline: float) -> None:
         self._must_be_open()
-        data = self._receive(wanted, deadline)
-        self._buffer += data
+        self._buffer += self._receive(wanted, deadline)
 
     def _take(self, count: int) -> bytes:
         data = bytes(self._buffer[:count])
@@ -166,7 +221,7 @@ class _BufferedTransport(abc.ABC):
     def _timed_out(self) -> InstrumentError:
         have = f", after {len(self._buffer)} bytes" if self._buffer else ""
         return self._error(
-            "instrument-timeout", f"did not answer within {self.timeout_s:g} s{have}"
+            "instrument-timeout", f"did not answer within {self._allowed_s:.3g} s{have}"
         )
 
     def _hung_up(self, detail: object) -> InstrumentError:
@@ -192,11 +247,12 @@ class VisaTransport(_BufferedTransport):
         manager = _resource_manager()
         self._socket: socket.socket | None = None
         self._behind: Any = None
+        left = max(0.001, self._until() - time.monotonic())
         try:
             # PyVISA raises its own errors, pyvisa-py bare exceptions and OSError.
             self._resource = manager.open_resource(
                 self.address,
-                open_timeout=int(1000 * self.timeout_s),
+                open_timeout=max(1, int(1000 * left)),
                 timeout=int(1000 * self.timeout_s),
             )
         except Exception as error:
@@ -271,6 +327,17 @@ class VisaTransport(_BufferedTransport):
             raise self._hung_up("the connection was closed at the other end")
         return self._visa_read(waiting, deadline)
 
+    def _waiting(self) -> bytes:
+        if self._socket is None:
+            return b""  # a USB instrument sends nothing that it is not asked for
+        if ahead := len(self._behind._pending_buffer):
+            return self._visa_read(ahead, time.monotonic())
+        with contextlib.suppress(OSError):
+            if select.select([self._socket], [], [], 0)[0]:
+                waiting = len(self._socket.recv(_CHUNK, socket.MSG_PEEK))
+                return self._visa_read(waiting, time.monotonic()) if waiting else b""
+        return b""
+
     @staticmethod
     def _acknowledge_at_once(line: socket.socket) -> None:
         """Spare a peer that has Nagle's algorithm on the wait between two short answers.
@@ -329,7 +396,6 @@ class SerialTransport(_BufferedTransport):
 
         try:
             self._port.write(data)
-            self._port.flush()
         except serial.SerialTimeoutException as error:
             raise self._timed_out() from error
         except (serial.SerialException, OSError) as error:
@@ -346,6 +412,14 @@ class SerialTransport(_BufferedTransport):
         if not data:
             raise self._timed_out()
         return bytes(data)
+
+    def _waiting(self) -> bytes:
+        import serial
+
+        try:
+            return bytes(self._port.read(self._port.in_waiting))
+        except (serial.SerialException, OSError) as error:
+            raise self._hung_up(error) from error
 
 
 def open_transport(
