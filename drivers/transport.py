@@ -88,7 +88,39 @@ class Transport(Protocol):
         ...
 
 
-class _BufferedTransport(abc.ABC):
+class Deadlines:
+    """`Transport.within` for a transport that asks ``until()`` or ``left_s()`` when it waits."""
+
+    timeout_s: float
+    _deadline: float | None = None
+    allowed_s = 0.0
+    """How long the latest wait might have taken, for messages."""
+
+    @contextlib.contextmanager
+    def within(self, seconds: float | None = None) -> Iterator[None]:
+        before = self._deadline, self.allowed_s
+        allowed = self.timeout_s if seconds is None else seconds
+        deadline = time.monotonic() + allowed
+        if before[0] is None or deadline < before[0]:
+            self._deadline, self.allowed_s = deadline, allowed
+        try:
+            yield
+        finally:
+            self._deadline, self.allowed_s = before
+
+    def until(self) -> float:
+        """When what is begun now has to be done, on ``time.monotonic``."""
+        if self._deadline is not None:
+            return self._deadline
+        self.allowed_s = self.timeout_s
+        return time.monotonic() + self.timeout_s
+
+    def left_s(self) -> float:
+        """The same as seconds from now, 0 when they are over."""
+        return max(0.0, self.until() - time.monotonic())
+
+
+class _BufferedTransport(Deadlines, abc.ABC):
     """Line and count framing over a subclass's `_receive`, `_send`, `_open` and `_shut`."""
 
     def __init__(
@@ -99,8 +131,6 @@ class _BufferedTransport(abc.ABC):
         self.timeout_s = timeout_s
         self.observer = observer
         self._buffer = bytearray()
-        self._deadline: float | None = None
-        self._allowed_s = timeout_s
         self._is_open = False
         self._open()
         self._is_open = True
@@ -123,34 +153,16 @@ class _BufferedTransport(abc.ABC):
     def _waiting(self) -> bytes:
         """What can be had without waiting; empty too where that cannot be told."""
 
-    @contextlib.contextmanager
-    def within(self, seconds: float | None = None) -> Iterator[None]:
-        before = self._deadline, self._allowed_s
-        allowed = self.timeout_s if seconds is None else seconds
-        deadline = time.monotonic() + allowed
-        if before[0] is None or deadline < before[0]:
-            self._deadline, self._allowed_s = deadline, allowed
-        try:
-            yield
-        finally:
-            self._deadline, self._allowed_s = before
-
-    def _until(self) -> float:
-        if self._deadline is not None:
-            return self._deadline
-        self._allowed_s = self.timeout_s
-        return time.monotonic() + self.timeout_s
-
     def write(self, data: bytes) -> None:
         self._must_be_open()
         self._observe("out", data)
-        self._send(data, self._until())
+        self._send(data, self.until())
 
     def read_line(self) -> bytes:
         return self.read_until(b"\n").rstrip(b"\r\n")
 
     def read_until(self, terminator: bytes) -> bytes:
-        deadline = self._until()
+        deadline = self.until()
         begin = 0
         while (end := self._buffer.find(terminator, begin)) < 0:
             if len(self._buffer) > _LONGEST_LINE:
@@ -160,14 +172,14 @@ class _BufferedTransport(abc.ABC):
         return self._take(end + len(terminator))
 
     def read_exactly(self, count: int) -> bytes:
-        deadline = self._until()
+        deadline = self.until()
         while len(self._buffer) < count:
             self._fill(count - len(self._buffer), deadline)
         return self._take(count)
 
     def read_some(self) -> bytes:
         if not self._buffer:
-            self._fill(1, self._until())
+            self._fill(1, self.until())
         return self._take(len(self._buffer))
 
     def take_unasked(self) -> bytes:
@@ -221,7 +233,7 @@ class _BufferedTransport(abc.ABC):
     def _timed_out(self) -> InstrumentError:
         have = f", after {len(self._buffer)} bytes" if self._buffer else ""
         return self._error(
-            "instrument-timeout", f"did not answer within {self._allowed_s:.3g} s{have}"
+            "instrument-timeout", f"did not answer within {self.allowed_s:.3g} s{have}"
         )
 
     def _hung_up(self, detail: object) -> InstrumentError:
@@ -247,12 +259,11 @@ class VisaTransport(_BufferedTransport):
         manager = _resource_manager()
         self._socket: socket.socket | None = None
         self._behind: Any = None
-        left = max(0.001, self._until() - time.monotonic())
         try:
             # PyVISA raises its own errors, pyvisa-py bare exceptions and OSError.
             self._resource = manager.open_resource(
                 self.address,
-                open_timeout=max(1, int(1000 * left)),
+                open_timeout=max(1, int(1000 * self.left_s())),
                 timeout=int(1000 * self.timeout_s),
             )
         except Exception as error:
