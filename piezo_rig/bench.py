@@ -146,6 +146,7 @@ class Bench:
         """Make one sweep ready on generator and digitizer; nothing moves."""
         factor = self.rig.digitizer.oversampling
         with instrument_errors():
+            self.amplifier.check()
             self.dac.load(name, wave.codes, wave.low_v, wave.high_v, sample_rate)
             self.digitizer.configure(
                 sample_rate * factor, wave.command_v.size * factor, self._ranges()

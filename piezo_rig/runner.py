@@ -16,6 +16,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 from types import FrameType
 
@@ -25,6 +26,7 @@ from piezo_rig.errors import Aborted, LimitError, PiezoRigError
 from piezo_rig.protocol import Plan, PlannedSweep
 from piezo_rig.run_file.layout import RunHeader, SweepHeader
 from piezo_rig.run_file.writer import RunWriter
+from piezo_rig.sweep_watch import watch
 
 Tell = Callable[[str], None]
 
@@ -122,6 +124,8 @@ def _play_all(plan: Plan, bench: Bench, writer: RunWriter, tell: Tell, stop: Sto
             recorded.start_time,
         )
         stop.playing_until = ""
+        watch(bench.rig, sweep.wave.drive_v, recorded, partial(writer.log, clock.now()),
+              sweep.name)
         left -= sweep.samples / plan.sample_rate
     stop.check()
     moved = bench.rest()

@@ -29,6 +29,8 @@ def execute(args: argparse.Namespace) -> int:
     from piezo_rig.protocol import build_plan, load_protocol
     from piezo_rig.resources import find
     from piezo_rig.run_file.close import recover
+    from piezo_rig.run_file.reader import Run
+    from piezo_rig.sweep_watch import error_of
 
     rig = load_rig(args.rig or DEFAULT_RIG)
     plan = build_plan(load_protocol(find("protocols", args.protocol)), rig)
@@ -41,6 +43,9 @@ def execute(args: argparse.Namespace) -> int:
     print(f"run: {path}")
     print(f"model: {model}")
     print(f"figure: {figure}")
+    if flagged := error_of(Run(path).events()):
+        flagged.piezo = "at 0 V (the run ended at rest)"
+        raise flagged
     return 0
 
 
