@@ -34,6 +34,7 @@ SET_TOLERANCE_V = 0.3  # the unit tells tenths of a volt
 _PROMPT = re.compile(rb"[>*]\s*\Z")
 _MODEL = re.compile(r"MDT69\d\w?", re.IGNORECASE)
 _NUMBER = re.compile(r"\[?\s*([+-]?\d+(?:\.\d+)?)\s*V?\s*\]?", re.IGNORECASE)
+_NOISE = re.compile(rb"[^\x20-\x7e\r\n\t]")
 _LONGEST_ANSWER = 4096
 
 
@@ -171,8 +172,6 @@ class ThorlabsMDT69x:
             self._stale = True
             raise
         lines = _lines(raw)
-        if any(not line.isprintable() or not line.isascii() for line in lines):
-            raise self._garbage(f"{query} answered {_shown(lines)}")
         if lines and lines[0].lower() == query:
             lines = lines[1:]
         if any(re.fullmatch(r"\w+\?", line) for line in lines):
@@ -190,6 +189,8 @@ class ThorlabsMDT69x:
         raw = b""
         while True:
             raw += self._transport.read_some()
+            if _NOISE.search(raw):
+                raise self._garbage(f"{query} is answered with noise: {raw[:40]!r}")
             if _PROMPT.search(raw) and raw.strip(b"\r\n >*").lower() not in (b"", echo):
                 return raw
             if len(raw) > _LONGEST_ANSWER:

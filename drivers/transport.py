@@ -202,6 +202,8 @@ class _BufferedTransport(Deadlines, abc.ABC):
 
     def _fill(self, wanted: int, deadline: float) -> None:
         self._must_be_open()
+        if time.monotonic() > deadline:
+            raise self._timed_out()  # however much there still is to be had
         self._buffer += self._receive(wanted, deadline)
 
     def _take(self, count: int) -> bytes:
@@ -340,7 +342,7 @@ class VisaTransport(_BufferedTransport):
 
     def _waiting(self) -> bytes:
         if self._socket is None:
-            return b""  # a USB instrument sends nothing that it is not asked for
+            return self._visa_waiting()
         if ahead := len(self._behind._pending_buffer):
             return self._visa_read(ahead, time.monotonic())
         with contextlib.suppress(OSError):
@@ -348,6 +350,15 @@ class VisaTransport(_BufferedTransport):
                 waiting = len(self._socket.recv(_CHUNK, socket.MSG_PEEK))
                 return self._visa_read(waiting, time.monotonic()) if waiting else b""
         return b""
+
+    def _visa_waiting(self) -> bytes:
+        if "SOCKET" not in self.address.upper():
+            return b""  # over USB nothing comes that was not asked for
+        found = b""
+        with contextlib.suppress(InstrumentError):  # a timeout: there is nothing more
+            while True:
+                found += self._visa_read(1, time.monotonic() + 0.001)
+        return found
 
     @staticmethod
     def _acknowledge_at_once(line: socket.socket) -> None:
@@ -415,8 +426,8 @@ class SerialTransport(_BufferedTransport):
     def _receive(self, wanted: int, deadline: float) -> bytes:
         import serial
 
-        self._port.timeout = max(0.0, deadline - time.monotonic())
         try:
+            self._port.timeout = max(0.0, deadline - time.monotonic())
             data = self._port.read(max(1, self._port.in_waiting))
         except (serial.SerialException, OSError) as error:
             raise self._hung_up(error) from error
