@@ -262,6 +262,8 @@ class VisaTransport(_BufferedTransport):
         self._socket: socket.socket | None = None
         self._behind: Any = None
         try:
+            if host := re.match(r"TCPIP\d*::([^:]+)::", self.address, re.IGNORECASE):
+                socket.gethostbyname(host.group(1))  # pyvisa-py leaves a socket open if this fails
             # PyVISA raises its own errors, pyvisa-py bare exceptions and OSError.
             self._resource = manager.open_resource(
                 self.address,
