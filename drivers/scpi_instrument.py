@@ -187,9 +187,8 @@ class ScpiInstrument:
                     "instrument-garbage", self.name, f"{message!r} answered no block: {error}"
                 ) from error
             except InstrumentError as error:
-                if error.code == "instrument-timeout" and parser.size is not None:
-                    told = f"{parser.size} bytes were announced and did not all come"
-                    raise self._bad_block(message, f"{told}; {error.what}") from error
+                if error.code == "instrument-timeout" and parser.begun:
+                    raise self._bad_block(message, f"did not come whole; {error.what}") from error
                 raise
             if trailer != b"\n":
                 raise self._bad_block(message, "more bytes than announced, or no line feed")

@@ -72,24 +72,36 @@ class TcpServer:
         self._device = device
         self._server: asyncio.Server | None = None
         self._writers: set[asyncio.StreamWriter] = set()
+        self._tasks: set[asyncio.Task[None]] = set()
         self.address = ""
 
     async def start(self, host: str, port: int) -> None:
-        self._server = await asyncio.start_server(self._serve, host, port, limit=1 << 22)
+        self._server = await asyncio.start_server(self._connected, host, port, limit=1 << 22)
         port = self._server.sockets[0].getsockname()[1]
         self.address = f"TCPIP::{host}::{port}::SOCKET"
         if self._device.faults.strike("refuse"):
             self._server.close()
 
     async def stop(self) -> None:
+        # A connection that is being made takes some turns of the loop, and its socket would be
+        # forgotten if the server were closed meanwhile.
+        await asyncio.sleep(0.002)
         if self._server is not None:
             self._server.close()
         for writer in list(self._writers):
             writer.close()
+        for task in list(self._tasks):
+            task.cancel()
+        await asyncio.gather(*self._tasks, return_exceptions=True)
         await asyncio.sleep(0)
 
-    async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+    def _connected(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         self._writers.add(writer)
+        task = asyncio.get_running_loop().create_task(self._serve(reader, writer))
+        self._tasks.add(task)
+        task.add_done_callback(self._tasks.discard)
+
+    async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         conversation = self._device.conversation()
         try:
             if self._device.faults.strike("drop_at_once"):
