@@ -11,7 +11,7 @@ move, stack and sensor have to move by a fair share of what is due.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -110,9 +110,15 @@ def watch(
             raise BenchError(flag.code, f"{sweep}: {flag.what}", cause, remedy)
 
 
-def error_of(events: Iterable[dict[str, Any]]) -> BenchError | None:
-    """The error that a run ends with whose events hold flags of unusable sweeps."""
-    flags = [e for e in events if e.get("event") == "flag" and not e.get("usable")]
+def error_of(events: Iterable[dict[str, Any]], names: Collection[str]) -> BenchError | None:
+    """The error that a run ends with whose events hold flags of unusable sweeps.
+
+    ``names`` are the sweeps that count; those that were played again do not.
+    """
+    flags = [
+        e for e in events
+        if e.get("event") == "flag" and not e.get("usable") and e.get("sweep") in names
+    ]
     if not flags:
         return None
     code = str(flags[0]["code"])

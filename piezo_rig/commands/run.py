@@ -43,7 +43,8 @@ def execute(args: argparse.Namespace) -> int:
     print(f"run: {path}")
     print(f"model: {model}")
     print(f"figure: {figure}")
-    if flagged := error_of(Run(path).events()):
+    run = Run(path)
+    if flagged := error_of(run.events(), run.sweep_names):
         flagged.piezo = "at 0 V (the run ended at rest)"
         raise flagged
     return 0
