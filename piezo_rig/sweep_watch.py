@@ -139,16 +139,17 @@ def look(rig: Rig, drive_v: Array, sensor_v: Array, monitor_v: Array | None) -> 
     sensor = np.asarray(sensor_v, dtype=float)[::factor][: drive_v.size]
     steps = _Stretches(drive_v, max(STRETCH_V, 20 * full_scale / FULL_SCALE / expected))
     jump_v = JUMP_UM / rig.sensitivity_um_per_v + 10 * expected * steps.fastest
-    driven = np.ones(steps.begin.size, dtype=bool)
+    driven, spoilt = np.ones(steps.begin.size, dtype=bool), False
     if monitor_v is not None:
         monitor = np.asarray(monitor_v, dtype=float)[::factor][: drive_v.size]
         driven = steps.span(monitor) >= FAIR_SHARE * steps.way_v
-        yield from _clipped_drive(monitor, steps.runs(~driven))
-    spoilt = False
+        for flag in _clipped_drive(monitor, steps.runs(~driven)):
+            spoilt = True
+            yield flag
     for flag in _still(sensor, steps, driven, expected, full_scale, jump_v):
         spoilt = True
         yield flag
-    if not spoilt and driven.all():
+    if not spoilt:
         yield from _sensitivity(drive_v, sensor, expected)
 
 

@@ -19,6 +19,7 @@ import time
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from drivers.clock import RealClock
 from piezo_rig.bench import open_bench
 from piezo_rig.config import load_rig
 from piezo_rig.protocol import Plan, build_plan, load_protocol
@@ -46,8 +47,8 @@ them keeps is in these figures. Memory is what the kernel calls resident.
 | open files | {{first_files}} | {{last_files}} | {{more_files}} | 0 |
 
 {{verdict}} The run file was {{run_mb}} MB. Closing it, which copies it, raised the memory to
-{{closed_mb}} MB. When the bench was left, {{left_threads}} thread and {{left_files}} open files
-remained of {{begun_threads}} and {{begun_files}} before it was opened.
+{{closed_mb}} MB. Threads and open files before the bench was opened: {{begun_threads}}
+and {{begun_files}}; after it was left: {{left_threads}} and {{left_files}}.
 
 {{every_hour}}
 """
@@ -102,6 +103,7 @@ def measure(plan: Plan, folder: Path) -> tuple[Look, list[Look], Look, Look, int
         path = play(plan, bench, folder / "endurance.h5", wire, every_hour)
         closed = look(bench.clock.now() - begun)
         size = path.stat().st_size
+    RealClock().sleep(0.5)  # the system takes a thread away a moment after it has ended
     return before, looks, closed, look(closed.bench_s), size
 
 
