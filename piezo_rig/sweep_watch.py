@@ -139,18 +139,18 @@ def look(rig: Rig, drive_v: Array, sensor_v: Array, monitor_v: Array | None) -> 
     sensor = np.asarray(sensor_v, dtype=float)[::factor][: drive_v.size]
     steps = _Stretches(drive_v, max(STRETCH_V, 20 * full_scale / FULL_SCALE / expected))
     jump_v = JUMP_UM / rig.sensitivity_um_per_v + 10 * expected * steps.fastest
-    driven, spoilt = np.ones(steps.begin.size, dtype=bool), False
+    driven, reached, spoilt = np.ones(steps.begin.size, dtype=bool), drive_v, False
     if monitor_v is not None:
-        monitor = np.asarray(monitor_v, dtype=float)[::factor][: drive_v.size]
-        driven = steps.span(monitor) >= FAIR_SHARE * steps.way_v
-        for flag in _clipped_drive(monitor, steps.runs(~driven)):
+        reached = np.asarray(monitor_v, dtype=float)[::factor][: drive_v.size]
+        driven = steps.span(reached) >= FAIR_SHARE * steps.way_v
+        for flag in _clipped_drive(reached, steps.runs(~driven)):
             spoilt = True
             yield flag
     for flag in _still(sensor, steps, driven, expected, full_scale, jump_v):
         spoilt = True
         yield flag
     if not spoilt:
-        yield from _sensitivity(drive_v, sensor, expected)
+        yield from _sensitivity(drive_v, reached, sensor, expected)
 
 
 class _Stretches:
@@ -248,15 +248,17 @@ def _jumps_at(sensor: Array, a: int, b: int, jump_v: float) -> tuple[int, int]:
     return int(entered[-1]) if entered.size else 0, int(left[0]) if left.size else 0
 
 
-def _sensitivity(drive_v: Array, sensor: Array, expected: float) -> Iterator[Flag]:
-    """Half loops whose travel is far from what the actuator can do."""
+def _sensitivity(
+    drive_v: Array, reached: Array, sensor: Array, expected: float
+) -> Iterator[Flag]:
+    """Half loops whose travel is far from what the actuator can do over the drive it got."""
     way = np.sign(np.diff(drive_v))
     moving = np.flatnonzero(way)
     if not moving.size:
         return
     turns = moving[np.flatnonzero(np.diff(way[moving])) + 1]
     corners = np.unique(np.concatenate([[0], turns, [drive_v.size - 1]]))
-    span_v = np.abs(np.diff(drive_v[corners]))
+    span_v = np.abs(np.diff(reached[corners]))
     # A spike at a corner is not the travel.
     levels = [np.median(sensor[max(0, c - 2) : c + 3]) for c in corners]
     travel_v = np.abs(np.diff(levels))

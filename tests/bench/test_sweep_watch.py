@@ -89,6 +89,14 @@ def test_an_amplifier_that_stops_short_is_flagged_and_the_sensor_is_not_blamed()
     assert not found["drive-clipping"].stops
 
 
+def test_an_amplifier_that_is_too_slow_does_not_look_like_a_switch_that_was_turned():
+    slow = np.empty_like(DRIVE)
+    slow[0] = 0.0
+    for k in range(1, DRIVE.size):  # 60 V/s at most
+        slow[k] = slow[k - 1] + np.clip(DRIVE[k] - slow[k - 1], -0.012, 0.012)
+    assert codes(0.13 * slow + NOISE, slow) == {}
+
+
 @pytest.mark.parametrize("factor", [0.25, 4.0, 0.0])
 def test_a_switch_that_stands_elsewhere_or_no_sensor_at_all_stops_the_run(factor):
     wide = replace(RIG, digitizer=replace(RIG.digitizer, sensor_range_v=16.0))
