@@ -262,7 +262,9 @@ def _sensitivity(
     # A spike at a corner is not the travel.
     levels = [np.median(sensor[max(0, c - 2) : c + 3]) for c in corners]
     travel_v = np.abs(np.diff(levels))
-    for i in np.flatnonzero(span_v >= LEAST_SPAN_V):
+    # A drive that came nowhere near turns elsewhere than planned: nothing can be said.
+    near = span_v >= 0.5 * np.abs(np.diff(drive_v[corners]))
+    for i in np.flatnonzero(near & (span_v >= LEAST_SPAN_V)):
         ratio = travel_v[i] / (expected * span_v[i])
         if not LOW_RATIO <= ratio <= HIGH_RATIO:
             yield Flag(
