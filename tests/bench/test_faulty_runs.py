@@ -6,7 +6,10 @@ Where the stack is, is asked of the plant's own record, never of an instrument.
 from __future__ import annotations
 
 import io
+import os
 import re
+import subprocess
+import sys
 import time
 from collections.abc import Callable
 from contextlib import redirect_stderr, redirect_stdout
@@ -244,3 +247,16 @@ def test_a_slip_in_the_faults_is_bad_input(played, more):
     outcome = played(more)
     assert (outcome.code, outcome.status) == ("config", 2)
     assert "[faults]" in outcome.said
+
+
+def test_what_an_instrument_calls_itself_need_not_fit_the_terminal(tmp_path):
+    text = (shipped_folder("configs") / "simulated_bench.toml").read_text()
+    rig = tmp_path / "rig.toml"
+    named = 'message = "*IDN?"\nvalue = "Ägilent,L4532A,SIM00002,1"'
+    rig.write_text(f"{text}\n[faults.digitizer.answer]\n{named}\n", encoding="utf-8")
+    done = subprocess.run(
+        [sys.executable, "-m", "piezo_rig", "run", "blank", "--rig", rig, "--out", tmp_path],
+        capture_output=True, text=True, env={**os.environ, "PYTHONIOENCODING": "ascii"},
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert "gilent,L4532A,SIM00002,1" in done.stdout
