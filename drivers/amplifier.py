@@ -9,7 +9,12 @@ answers the set voltage; on some units it may answer the voltage measured at the
 output, which includes the external input.
 
 Commands (115200 8N1, carriage return ends a command; the unit may echo it; the
-answer may stand in square brackets; a prompt ``>`` or ``*`` ends everything):
+answer may stand in square brackets; a prompt ``>`` or ``*`` ends everything). A
+serial line has no connections to drop, so an answer that came too late may still
+be on its way. Two things keep it from being taken for another: an echo must be
+that of the question, and after a failure the line is emptied up to an answer
+that only ``id?`` has.
+Commands:
 ``id?``, ``serial?``, ``xvoltage?``, ``vlimit?``. Source: Thorlabs, MDT693B and
 MDT694B User Guide (HA0285T), chapter on remote communication, and transcripts
 published with public drivers.
@@ -22,10 +27,15 @@ from typing import Protocol
 
 from drivers.errors import InstrumentError
 from drivers.identity import Identity
+from drivers.scpi_instrument import RECOVERY_S
 from drivers.transport import Transport
 
 SET_TOLERANCE_V = 0.3  # the unit tells tenths of a volt
 _PROMPT = re.compile(rb"[>*]\s*\Z")
+_MODEL = re.compile(r"MDT69\d\w?", re.IGNORECASE)
+_NUMBER = re.compile(r"\[?\s*([+-]?\d+(?:\.\d+)?)\s*V?\s*\]?", re.IGNORECASE)
+_NOISE = re.compile(rb"[^\x20-\x7e\r\n\t]")
+_LONGEST_ANSWER = 4096
 
 
 class Amplifier(Protocol):
@@ -38,6 +48,10 @@ class Amplifier(Protocol):
     def set_voltage(self) -> float: ...
 
     def voltage_limit(self) -> float: ...
+
+    def check(self) -> None:
+        """Make sure, at rest, that it answers and stands as it did at the first `check`."""
+        ...
 
     def settings(self) -> dict[str, str]: ...
 
@@ -60,6 +74,8 @@ class ThorlabsMDT69x:
         self._transport = transport
         self._expected_set_v = expected_set_v
         self._expected_limit_v = expected_limit_v
+        self._stood: dict[str, float] = {}
+        self._stale = False
         self.identity: Identity | None = None
 
     def connect(self) -> Identity:
@@ -67,9 +83,9 @@ class ThorlabsMDT69x:
 
         InstrumentError instrument-identity, instrument-setting.
         """
-        lines = self._ask("id?")
-        text = "; ".join(lines)
-        model = re.search(r"MDT69\d\w?", text, re.IGNORECASE)
+        self._stood.clear()
+        text = "; ".join(self._ask("id?"))
+        model = _MODEL.search(text)
         if model is None:
             raise InstrumentError(
                 "instrument-identity",
@@ -105,6 +121,24 @@ class ThorlabsMDT69x:
         """The output limit, V."""
         return self._number("vlimit?")
 
+    def check(self) -> None:
+        """Make sure, at rest, that the unit answers and stands as it did at the first `check`.
+
+        Compared is what the unit says at rest with what it said at rest: on a unit
+        whose ``xvoltage?`` includes the external input that is not the set voltage.
+        InstrumentError instrument-setting.
+        """
+        for query in ("vlimit?", "xvoltage?"):
+            stood = self._stood.setdefault(query, now := self._number(query))
+            if abs(now - stood) > SET_TOLERANCE_V:
+                raise InstrumentError(
+                    "instrument-setting",
+                    self._transport.instrument,
+                    f"{query} answered {stood:g} V when the run began and now {now:g} V",
+                    "the amplifier was adjusted at its front panel while the run played",
+                    "set it back by hand, then run again",
+                )
+
     def settings(self) -> dict[str, str]:
         """Every setting this driver relies on, query -> answer as it came."""
         return {query: "; ".join(self._ask(query)) for query in ("xvoltage?", "vlimit?")}
@@ -114,30 +148,36 @@ class ThorlabsMDT69x:
 
     def _number(self, query: str) -> float:
         lines = self._ask(query)
-        found = re.search(r"[+-]?\d+(?:\.\d+)?", lines[-1]) if lines else None
+        found = _NUMBER.fullmatch(lines[0]) if len(lines) == 1 else None
         if found is None:
-            raise InstrumentError(
-                "instrument-garbage", self._transport.instrument, f"{query} answered {lines}"
-            )
-        return float(found.group())
+            raise self._garbage(f"{query} answered {_shown(lines)}")
+        return float(found.group(1))
+
+    def _garbage(self, what: str) -> InstrumentError:
+        self._stale = True
+        return InstrumentError("instrument-garbage", self._transport.instrument, what)
 
     def _ask(self, query: str) -> list[str]:
         """The lines between the echo and the prompt."""
+        if self._stale:
+            self._recover()
         try:
-            self._transport.write(query.encode("ascii") + b"\r")
-            raw = self._read_to_prompt(query)
-        except InstrumentError as error:
-            if error.code == "instrument-timeout":
-                # A late answer must not be taken for the next one.
-                self._transport.reopen()
+            with self._transport.within():
+                unasked = self._transport.take_unasked()
+                if unasked.strip(b"\r\n >*"):
+                    raise self._garbage(f"sent {unasked[:40]!r}, which nobody asked for")
+                self._transport.write(query.encode("ascii") + b"\r")
+                raw = self._read_to_prompt(query)
+        except BaseException:
+            self._stale = True
             raise
-        text = raw.decode("latin-1")
-        lines = [line.strip(" >*") for line in re.split(r"[\r\n]+", text)]
-        lines = [line for line in lines if line and line.lower() != query.lower()]
+        lines = _lines(raw)
+        if lines and lines[0].lower() == query:
+            lines = lines[1:]
+        if any(re.fullmatch(r"\w+\?", line) for line in lines):
+            raise self._garbage(f"{query} was answered with the echo of another: {_shown(lines)}")
         if any("CMD_" in line.upper() or "ERROR" in line.upper() for line in lines):
-            raise InstrumentError(
-                "instrument-garbage", self._transport.instrument, f"{query} answered {lines}"
-            )
+            raise self._garbage(f"{query} answered {_shown(lines)}")
         return lines
 
     def _read_to_prompt(self, query: str) -> bytes:
@@ -148,9 +188,32 @@ class ThorlabsMDT69x:
         echo = query.encode("ascii").lower()
         raw = b""
         while True:
-            raw += self._transport.read_exactly(1)
+            raw += self._transport.read_some()
+            if _NOISE.search(raw):
+                raise self._garbage(f"{query} is answered with noise: {raw[:40]!r}")
             if _PROMPT.search(raw) and raw.strip(b"\r\n >*").lower() not in (b"", echo):
                 return raw
+            if len(raw) > _LONGEST_ANSWER:
+                raise self._garbage(f"{query} is answered without an end: {raw[:40]!r}...")
+
+    def _recover(self) -> None:
+        """Open the line afresh and pass over late answers: answers keep the order of questions."""
+        with self._transport.within(RECOVERY_S):
+            self._transport.reopen()
+            self._transport.write(b"\rid?\r")
+            raw = b""
+            while not (_PROMPT.search(raw) and _MODEL.search(raw.decode("latin-1"))):
+                raw = raw[-_LONGEST_ANSWER:] + self._transport.read_some()
+        self._stale = False
+
+
+def _lines(raw: bytes) -> list[str]:
+    found = (line.strip(" >*") for line in re.split(r"[\r\n]+", raw.decode("latin-1")))
+    return [line for line in found if line]
+
+
+def _shown(lines: list[str]) -> str:
+    return ascii("; ".join(lines)[:80])
 
 
 class ManualAmplifier:
@@ -173,6 +236,9 @@ class ManualAmplifier:
 
     def voltage_limit(self) -> float:
         return self._voltage_limit_v
+
+    def check(self) -> None:
+        """Nothing to ask."""
 
     def settings(self) -> dict[str, str]:
         return {

@@ -30,7 +30,9 @@ SMALLEST_RECORD = 8
 RECORD_STEP = 4
 _FULL_SCALE = 32767
 _POLL_S = 0.02
+_CODE_NO_DATA = -32768  # as volts it is one step below anything that the range can hold
 _BYTES_PER_SAMPLE = 4
+_BYTES_PER_SECOND = 1e6  # of a slow network
 
 
 class Digitizer(Protocol):
@@ -96,7 +98,7 @@ class KeysightL4532A:
     MODELS = ("L453",)
 
     def __init__(
-        self, transport: Transport, clock: Clock | None = None, block_samples: int = 250_000
+        self, transport: Transport, clock: Clock | None = None, block_samples: int = 100_000
     ) -> None:
         self._link = ScpiInstrument(transport)
         self._clock = clock if clock is not None else RealClock()
@@ -138,7 +140,8 @@ class KeysightL4532A:
         ranges_v : channel -> full scale in volts, one of `RANGES_V`
         trigger : EXT (the pulse from the waveform DAC), SOFT or IMM
 
-        ValueError for a rate or a range that the instrument does not have.
+        ValueError for a rate or a range that the instrument does not have;
+        InstrumentError instrument-setting for more samples than it says it can hold.
         """
         if not rate_on_grid(sample_rate):
             raise ValueError(f"{sample_rate:g} Sa/s is not on the grid of 1, 2, 5 x 10^n")
@@ -146,9 +149,14 @@ class KeysightL4532A:
             if range_v not in RANGES_V:
                 raise ValueError(f"channel {channel}: there is no range of {range_v:g} V")
         length = record_length(count)
-        most = parse_number(self._link.query("CONF:ACQ:SCO:MAX?"))
+        most = self._number("CONF:ACQ:SCO:MAX?")
         if length > most:
-            raise ValueError(f"{length} samples; the digitizer's memory takes {most:.0f}")
+            raise InstrumentError(
+                "instrument-setting",
+                self._link.name,
+                f"{length} samples are needed, its memory takes {most:.0f}",
+                remedy="play fewer cycles at once, or use less oversampling",
+            )
         self._link.command("ABOR")
         settings = [
             Setting.word("FORM:BORD", "SWAP"),
@@ -172,6 +180,15 @@ class KeysightL4532A:
         self._link.apply(*settings)
         self._ranges_v = dict(ranges_v)
         self._sample_rate = sample_rate
+
+    def _number(self, query: str) -> float:
+        answer = self._link.query(query)
+        try:
+            return parse_number(answer)
+        except ValueError:
+            raise InstrumentError(
+                "instrument-garbage", self._link.name, f"{query} answered {answer[:80]!r}"
+            ) from None
 
     def arm(self) -> None:
         """Wait for the trigger from now on, having given up any earlier wait."""
@@ -200,14 +217,20 @@ class KeysightL4532A:
         volts = np.empty((len(wanted), count))
         for offset in range(0, count, self._block_samples):
             size = min(self._block_samples, count - offset)
-            volts[:, offset : offset + size] = self._fetch_block(wanted, offset, size)
-        missing = _missing(volts)
+            block = self._fetch_block(wanted, offset, size)
+            if block is None:
+                raise self._short(size)
+            volts[:, offset : offset + size] = block
+        # A question of another kind: had a block come twice, what follows would be out of
+        # step, and it would show here.
+        self._link.drain_errors("the transfer")
+        missing = self._missing(wanted, volts).any(axis=0)
         if missing.any():
             raise InstrumentError(
                 "instrument-no-data",
                 self._link.name,
-                f"{int(missing.any(axis=0).sum())} of {count} samples were not recorded, "
-                f"the first is number {int(missing.any(axis=0).argmax())}",
+                f"{int(missing.sum())} of {count} samples were not recorded, "
+                f"the first is number {int(missing.argmax())}",
                 "the record was stopped or is shorter than the sweep",
             )
         for row, channel in zip(volts, wanted, strict=True):
@@ -215,32 +238,34 @@ class KeysightL4532A:
         return {channel: volts[i].copy() for i, channel in enumerate(wanted)}
 
     def _await_record(self, channels: list[int], count: int, timeout_s: float) -> None:
-        deadline = self._clock.now() + timeout_s
+        # On a virtual clock an instrument that is slow in real time would otherwise be
+        # asked for hours.
+        deadline, patience = self._clock.now() + timeout_s, RealClock()
         last = max(0, count - RECORD_STEP)
-        while not self._is_recorded(channels, last, count - last):
-            if self._clock.now() >= deadline:
+        while not self._is_recorded(channels, last, count - last, timeout_s):
+            if self._clock.now() >= deadline or patience.now() >= timeout_s:
                 break
             self._clock.sleep(_POLL_S)
         else:
             return
-        if not self._is_recorded(channels, 0, min(count, RECORD_STEP)):
+        if not self._is_recorded(channels, 0, min(count, RECORD_STEP), timeout_s):
             raise self._no_trigger(timeout_s)
 
-    def _is_recorded(self, channels: list[int], offset: int, size: int) -> bool:
-        """Whether these samples are there; every way of saying no means no."""
+    def _is_recorded(
+        self, channels: list[int], offset: int, size: int, timeout_s: float
+    ) -> bool:
+        """Whether these samples are there; a short block or a complaint means "not yet"."""
         try:
             samples = self._fetch_block(channels, offset, size)
         except InstrumentError as error:
             if error.code == "instrument-timeout":
                 # Alive but without an answer: it has nothing to send.
                 self._link.recover()
-                return False
-            # A short block and a complaint in the queue are ways of saying "not yet"; an answer
-            # that is no block at all is not.
-            if error.code in ("instrument-block", "instrument-error-queue"):
+                raise self._no_trigger(timeout_s) from error
+            if error.code == "instrument-error-queue":
                 return False
             raise
-        return not bool(_missing(samples).any())
+        return samples is not None and not bool(self._missing(channels, samples).any())
 
     def _no_trigger(self, timeout_s: float) -> InstrumentError:
         return InstrumentError(
@@ -252,26 +277,32 @@ class KeysightL4532A:
             "connect it and run again",
         )
 
-    def _fetch_block(self, channels: list[int], offset: int, size: int) -> NDArray[np.float64]:
-        """(channels, size) volts; the instrument interleaves the channels."""
+    def _fetch_block(
+        self, channels: list[int], offset: int, size: int
+    ) -> NDArray[np.float64] | None:
+        """(channels, size) volts, None when fewer came; the instrument interleaves the channels."""
         listed = ",".join(str(channel) for channel in channels)
         message = f"FETC:WAV:VOLT? (@{listed}),{offset},{size},(@1)"
-        payload = self._link.query_block(message, timeout_s=self._transfer_time(size))
         expected = size * len(channels) * _BYTES_PER_SAMPLE
+        allowed_s = self._link.transport.timeout_s + expected / _BYTES_PER_SECOND
+        payload = self._link.query_block(message, expected, timeout_s=allowed_s)
         if len(payload) != expected:
             self._link.drain_errors(message)
-            raise InstrumentError(
-                "instrument-block",
-                self._link.name,
-                f"{message!r} was answered {len(payload)} bytes, {expected} were due",
-            )
+            return None
         with np.errstate(invalid="ignore"):  # bytes in the wrong order may spell any NaN
             return np.frombuffer(payload, "<f4").reshape(size, len(channels)).T.astype(float)
 
-    def _transfer_time(self, size: int) -> float:
-        # An instrument that holds its answer back until the record is complete needs
-        # at most the rest of the record; 1 MB/s is a slow network.
-        return self._link.transport.timeout_s + size * 8e-6 + 1.0
+    def _short(self, size: int) -> InstrumentError:
+        return InstrumentError(
+            "instrument-block", self._link.name, f"fewer samples came than the {size} asked for"
+        )
+
+    def _missing(self, channels: list[int], volts: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Which samples (channels, n) stand for ones that were never recorded."""
+        ranges = np.array([[self._ranges_v.get(channel, RANGES_V[-1])] for channel in channels])
+        code = volts * (_FULL_SCALE / ranges)
+        no_data = np.abs(volts / NO_DATA - 1) < 1e-3
+        return np.asarray(no_data | (np.abs(code - _CODE_NO_DATA) < 0.25))
 
     def _check(self, channel: int, volts: NDArray[np.float64]) -> None:
         range_v = self._ranges_v.get(channel, RANGES_V[-1])
@@ -307,11 +338,6 @@ _SETTINGS = (
     "FORM:BORD?",
     "FORM:DATA:REAL?",
 )
-
-
-def _missing(volts: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Which samples stand for ones that were never recorded."""
-    return np.abs(volts / NO_DATA - 1) < 1e-3
 
 
 def _is_real_32(answer: str) -> bool:

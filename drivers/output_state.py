@@ -42,6 +42,8 @@ class OutputState:
         said = dict(zip(self.QUERIES, answers, strict=True))
         self.on = parse_boolean(said["output"])
         load = parse_number(said["load"], {"INFinity": INFINITE})
+        if load <= 0.0:
+            raise ValueError(f"a load of {load:g} ohm")
         # Levels are told for the load setting; the amplifier's input is a high impedance.
         self.scale = 1.0 if load > 1e30 else (load + 50.0) / load
         self.function = said["function"]

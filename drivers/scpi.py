@@ -69,6 +69,16 @@ class BlockParser:
         return 2 + int(self._header[1:2]) - len(self._header)
 
     @property
+    def begun(self) -> bool:
+        """Whether anything was fed."""
+        return bool(self._header)
+
+    @property
+    def size(self) -> int | None:
+        """The length that the header announces; None until the header is complete."""
+        return self._size
+
+    @property
     def payload(self) -> bytes:
         return bytes(self._body)
 

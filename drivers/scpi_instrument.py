@@ -4,11 +4,18 @@ Whatever is set is read back in the same message, together with the first entry
 of the error queue: one round trip, and nothing is believed unseen. After a
 timeout the line is stale: a late answer would be taken for the next one. The
 next exchange therefore closes it, opens it again, asks ``*IDN?`` and clears.
+Bytes that nobody asked for mean that question and answer are out of step: they
+make the line stale too, and are never taken for an answer.
+
+An exchange has one deadline, however many answers it is made of, and getting a
+line back after a failure has `RECOVERY_S` in all: a failed instrument is told
+within its timeout and two seconds.
 """
 
 from __future__ import annotations
 
 import contextlib
+import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
@@ -25,7 +32,11 @@ from drivers.scpi import (
 from drivers.scpi_values import INFINITE, same_arb, same_boolean, same_number, same_word
 from drivers.transport import Transport
 
+RECOVERY_S = 1.7
+_SHORTEST_RECOVERY_S = 0.2
 _MOST_ERRORS = 25  # one more than any queue holds, so that a stuck queue ends
+_SHOWN_ERRORS = 4
+_LONGEST_IDENTITY = 256  # IEEE 488.2 has 72
 _STALING = ("instrument-timeout", "instrument-hangup", "instrument-garbage", "instrument-block")
 
 
@@ -76,6 +87,7 @@ class ScpiInstrument:
         self.name = transport.instrument
         self.identity: Identity | None = None
         self._stale = False
+        self._recovering_s = 0.0  # spent on getting the line back since it failed
 
     # ------------------------------------------------------------- connecting
 
@@ -101,14 +113,18 @@ class ScpiInstrument:
         return identity
 
     def _identify(self) -> Identity:
-        answer = self.query("*IDN?")
+        return self._identity_in(self.query("*IDN?"))
+
+    def _identity_in(self, answer: str) -> Identity:
         try:
+            if len(answer) > _LONGEST_IDENTITY:
+                raise ValueError(answer)
             return Identity.from_idn(answer)
         except ValueError:
             raise InstrumentError(
                 "instrument-garbage",
                 self.name,
-                f"*IDN? answered {answer!r}, which is no identification",
+                f"*IDN? answered {_shown(answer)}, which is no identification",
                 "something else listens at this address",
             ) from None
 
@@ -143,30 +159,43 @@ class ScpiInstrument:
             raise InstrumentError(
                 "instrument-garbage",
                 self.name,
-                f"{message!r} asks {count} things and was answered {len(answers)}: {answers}",
+                f"{message!r} asks {count} things and was answered {len(answers)}: "
+                f"{_shown('; '.join(answers))}",
             )
         return answers
 
-    def query_block(self, message: str, timeout_s: float | None = None) -> bytes:
-        """Ask for a definite-length block; InstrumentError instrument-block if damaged."""
+    def query_block(
+        self, message: str, most: int | None = None, timeout_s: float | None = None
+    ) -> bytes:
+        """Ask for a definite-length block of at most ``most`` bytes.
+
+        InstrumentError instrument-block when it is longer, damaged or cut short.
+        """
         parser = BlockParser()
         with self._line(timeout_s):
             self.transport.write(message.encode("latin-1") + b"\n")
             try:
                 while parser.needed:
                     parser.feed(self.transport.read_exactly(parser.needed))
+                    if most is not None and (parser.size or 0) > most:
+                        raise self._bad_block(message, f"{parser.size} bytes, {most} were due")
+                trailer = self.transport.read_exactly(1)
+                if trailer == b"\r":
+                    trailer = self.transport.read_exactly(1)
             except ScpiSyntaxError as error:
                 raise InstrumentError(
                     "instrument-garbage", self.name, f"{message!r} answered no block: {error}"
                 ) from error
-            trailer = self.transport.read_line()
-            if trailer.strip():
-                raise InstrumentError(
-                    "instrument-block",
-                    self.name,
-                    f"{message!r}: {len(trailer)} bytes follow the block",
-                )
+            except InstrumentError as error:
+                if error.code == "instrument-timeout" and parser.begun:
+                    raise self._bad_block(message, f"did not come whole; {error.what}") from error
+                raise
+            if trailer != b"\n":
+                raise self._bad_block(message, "more bytes than announced, or no line feed")
         return parser.payload
+
+    def _bad_block(self, message: str, what: str) -> InstrumentError:
+        return InstrumentError("instrument-block", self.name, f"{message!r}: {what}")
 
     def send_block(self, head: str, payload: bytes) -> None:
         """Send ``head`` followed by a block, then drain the error queue."""
@@ -198,7 +227,7 @@ class ScpiInstrument:
                 raise self._error_queue(said, errors) from failure
             raise
         wrong = [
-            f"{setting.query}: asked {setting.asked}, answered {answer.strip()}"
+            f"{setting.query}: asked {setting.asked}, answered {_plain(answer)}"
             for setting, answer in zip(settings, answers, strict=False)
             if not setting.agrees(answer)
         ]
@@ -226,24 +255,37 @@ class ScpiInstrument:
             raise self._error_queue(after, errors)
 
     def _collect_errors(self, first: str | None) -> list[ErrorEntry]:
+        """All that the queue tells, within one timeout and never more than any queue holds."""
         errors: list[ErrorEntry] = []
-        answer = first if first is not None else self.query("SYST:ERR?")
-        while len(errors) < _MOST_ERRORS:
-            try:
-                entry = parse_error_entry(answer)
-            except ScpiSyntaxError:
-                self._stale = True
-                raise InstrumentError(
-                    "instrument-garbage", self.name, f"SYST:ERR? answered {answer!r}"
-                ) from None
-            if entry.code == 0:
-                break
-            errors.append(entry)
-            answer = self.query("SYST:ERR?")
+        try:
+            with self.transport.within():
+                answer = first if first is not None else self.query("SYST:ERR?")
+                while len(errors) < _MOST_ERRORS:
+                    entry = self._entry(answer)
+                    if entry.code == 0:
+                        break
+                    errors.append(entry)
+                    answer = self.query("SYST:ERR?")
+        except InstrumentError:
+            if not errors:
+                raise
         return errors
 
+    def _entry(self, answer: str) -> ErrorEntry:
+        try:
+            return parse_error_entry(answer)
+        except ScpiSyntaxError:
+            self._stale = True
+            raise InstrumentError(
+                "instrument-garbage", self.name, f"SYST:ERR? answered {_shown(answer)}"
+            ) from None
+
     def _error_queue(self, after: str, errors: list[ErrorEntry], also: str = "") -> InstrumentError:
-        listed = ", ".join(str(error) for error in errors)
+        listed = ", ".join(str(error) for error in errors[:_SHOWN_ERRORS])
+        if len(errors) > _SHOWN_ERRORS:
+            listed += f" and {len(errors) - _SHOWN_ERRORS} more"
+        if len(errors) == _MOST_ERRORS:
+            listed += " (the queue does not empty)"
         what = f"reports {listed} after {after}" if after else f"reports {listed}"
         return InstrumentError(
             "instrument-error-queue", self.name, f"{what}; {also}" if also else what
@@ -256,37 +298,66 @@ class ScpiInstrument:
         """One exchange: fresh line before it, marked stale when it breaks off."""
         if self._stale:
             self.recover()
-        usual = self.transport.timeout_s
-        self.transport.timeout_s = usual if timeout_s is None else timeout_s
         try:
-            yield
+            with self.transport.within(timeout_s):
+                self._refuse_unasked()
+                yield
         except InstrumentError as error:
             self._stale = self._stale or error.code in _STALING
             raise
         except BaseException:
             self._stale = True  # interrupted: the answer may still be on its way
             raise
-        finally:
-            self.transport.timeout_s = usual
+
+    def _refuse_unasked(self) -> None:
+        unasked = self.transport.take_unasked()
+        if unasked.strip():
+            raise InstrumentError(
+                "instrument-garbage",
+                self.name,
+                f"sent {len(unasked)} bytes that nobody asked for: {unasked[:40]!r}",
+                "it answers twice, or another program talks to it through the same line",
+            )
 
     def recover(self) -> list[ErrorEntry]:
         """Open the line afresh and make sure of who answers; what the error queue held."""
         self._stale = False
+        begun = time.monotonic()
+        left = max(_SHORTEST_RECOVERY_S, RECOVERY_S - self._recovering_s)
         try:
-            self.transport.reopen()
-            identity = self._identify()
-            if self.identity is not None and identity.raw != self.identity.raw:
-                raise InstrumentError(
-                    "instrument-identity",
-                    self.name,
-                    f"was {self.identity.raw!r} and is now {identity.raw!r}",
-                )
-            errors = self._collect_errors(None)
-            self.transport.write(b"*CLS\n")
+            with self.transport.within(left):
+                self.transport.reopen()
+                identity = self._identify_in_order()
+                if self.identity is not None and identity.raw != self.identity.raw:
+                    raise InstrumentError(
+                        "instrument-identity",
+                        self.name,
+                        f"was {self.identity.raw!r} and is now {identity.raw!r}",
+                        "it was exchanged for another one while the program ran",
+                        "connect the one that the run began with, or start a new run",
+                    )
+                errors = self._collect_errors(None)
+                self.transport.write(b"*CLS\n")
         except InstrumentError:
             self._stale = True
+            self._recovering_s += time.monotonic() - begun
             raise
+        self._recovering_s = 0.0
         return errors
+
+    def _identify_in_order(self) -> Identity:
+        """Who answers, late answers to earlier questions passed over.
+
+        A serial line stays the same line when it is opened again, but answers
+        keep the order of the questions.
+        """
+        self.transport.write(b"*IDN?\n")
+        while True:
+            line = self.transport.read_line().decode("latin-1").strip()
+            try:
+                return self._identity_in(line)
+            except InstrumentError:
+                continue
 
     def _read_text(self) -> str:
         line = self.transport.read_line()
@@ -298,3 +369,13 @@ class ScpiInstrument:
 def _absolute(message: str) -> str:
     """With a leading colon, so that its place in a compound message does not matter."""
     return message if message[:1] in "*:" else f":{message}"
+
+
+def _shown(answer: str) -> str:
+    """An answer for a message: what cannot be printed escaped, what is long cut."""
+    return ascii(answer) if len(answer) <= 80 else f"{answer[:80]!a}... ({len(answer)} bytes)"
+
+
+def _plain(answer: str) -> str:
+    """The same without quotes around it."""
+    return _shown(answer.strip())[1:-1] if len(answer) <= 80 else _shown(answer)

@@ -69,7 +69,7 @@ def parse_boolean(text: str) -> bool:
         return True
     if word in ("OFF", "FALSE"):
         return False
-    return round(parse_number(word)) != 0
+    return abs(parse_number(word)) >= 0.5
 
 
 def unquote(text: str) -> str:

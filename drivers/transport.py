@@ -22,7 +22,8 @@ import select
 import socket
 import struct
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager
 from typing import Any, Protocol
 
 from drivers.errors import InstrumentError
@@ -32,14 +33,15 @@ Observer = Callable[[str, bytes], None]
 
 _CHUNK = 1 << 16
 _WRITE_CHUNK = 4096  # what pyvisa-py sends at once
-_LONGEST_LINE = 1 << 20
+_LONGEST_LINE = 1 << 16
 
 
 class Transport(Protocol):
     """A line to one instrument.
 
     Every method may raise InstrumentError: instrument-refused,
-    instrument-timeout, instrument-hangup or instrument-garbage.
+    instrument-timeout, instrument-hangup or instrument-garbage. Each has
+    ``timeout_s`` for itself, unless it stands inside `within`.
     """
 
     address: str
@@ -59,14 +61,66 @@ class Transport(Protocol):
 
     def read_exactly(self, count: int) -> bytes: ...
 
+    def read_some(self) -> bytes:
+        """What there is, at least one byte."""
+        ...
+
+    def take_unasked(self) -> bytes:
+        """What has come without being read, taken off the line; does not wait."""
+        ...
+
+    def within(self, seconds: float | None = None) -> AbstractContextManager[None]:
+        """All that is done inside has this long together (``timeout_s`` when None).
+
+        An instrument that sends a byte now and then cannot stretch it, and an
+        outer `within` cannot be exceeded by an inner one.
+        """
+        ...
+
     def close(self) -> None: ...
 
     def reopen(self) -> None:
-        """Close and open again; whatever was on its way is lost."""
+        """Close and open again.
+
+        Whatever was on its way over a socket is lost; a serial line has no
+        connections, and an answer that is late may still come.
+        """
         ...
 
 
-class _BufferedTransport(abc.ABC):
+class Deadlines:
+    """`Transport.within` for a transport that asks ``until()`` or ``left_s()`` when it waits."""
+
+    timeout_s: float
+    _deadline: float | None = None
+    allowed_s = 0.0
+    """How long the latest wait might have taken, for messages."""
+
+    @contextlib.contextmanager
+    def within(self, seconds: float | None = None) -> Iterator[None]:
+        before = self._deadline, self.allowed_s
+        allowed = self.timeout_s if seconds is None else seconds
+        deadline = time.monotonic() + allowed
+        if before[0] is None or deadline < before[0]:
+            self._deadline, self.allowed_s = deadline, allowed
+        try:
+            yield
+        finally:
+            self._deadline, self.allowed_s = before
+
+    def until(self) -> float:
+        """When what is begun now has to be done, on ``time.monotonic``."""
+        if self._deadline is not None:
+            return self._deadline
+        self.allowed_s = self.timeout_s
+        return time.monotonic() + self.timeout_s
+
+    def left_s(self) -> float:
+        """The same as seconds from now, 0 when they are over."""
+        return max(0.0, self.until() - time.monotonic())
+
+
+class _BufferedTransport(Deadlines, abc.ABC):
     """Line and count framing over a subclass's `_receive`, `_send`, `_open` and `_shut`."""
 
     def __init__(
@@ -95,16 +149,20 @@ class _BufferedTransport(abc.ABC):
     def _receive(self, wanted: int, deadline: float) -> bytes:
         """At least one byte before the deadline, or an InstrumentError."""
 
+    @abc.abstractmethod
+    def _waiting(self) -> bytes:
+        """What can be had without waiting; empty too where that cannot be told."""
+
     def write(self, data: bytes) -> None:
         self._must_be_open()
         self._observe("out", data)
-        self._send(data, time.monotonic() + self.timeout_s)
+        self._send(data, self.until())
 
     def read_line(self) -> bytes:
         return self.read_until(b"\n").rstrip(b"\r\n")
 
     def read_until(self, terminator: bytes) -> bytes:
-        deadline = time.monotonic() + self.timeout_s
+        deadline = self.until()
         begin = 0
         while (end := self._buffer.find(terminator, begin)) < 0:
             if len(self._buffer) > _LONGEST_LINE:
@@ -114,10 +172,20 @@ class _BufferedTransport(abc.ABC):
         return self._take(end + len(terminator))
 
     def read_exactly(self, count: int) -> bytes:
-        deadline = time.monotonic() + self.timeout_s
+        deadline = self.until()
         while len(self._buffer) < count:
             self._fill(count - len(self._buffer), deadline)
         return self._take(count)
+
+    def read_some(self) -> bytes:
+        if not self._buffer:
+            self._fill(1, self.until())
+        return self._take(len(self._buffer))
+
+    def take_unasked(self) -> bytes:
+        self._must_be_open()
+        self._buffer += self._waiting()
+        return self._take(len(self._buffer)) if self._buffer else b""
 
     def close(self) -> None:
         if self._is_open:
@@ -134,8 +202,9 @@ class _BufferedTransport(abc.ABC):
 
     def _fill(self, wanted: int, deadline: float) -> None:
         self._must_be_open()
-        data = self._receive(wanted, deadline)
-        self._buffer += data
+        if time.monotonic() > deadline:
+            raise self._timed_out()  # however much there still is to be had
+        self._buffer += self._receive(wanted, deadline)
 
     def _take(self, count: int) -> bytes:
         data = bytes(self._buffer[:count])
@@ -166,7 +235,7 @@ class _BufferedTransport(abc.ABC):
     def _timed_out(self) -> InstrumentError:
         have = f", after {len(self._buffer)} bytes" if self._buffer else ""
         return self._error(
-            "instrument-timeout", f"did not answer within {self.timeout_s:g} s{have}"
+            "instrument-timeout", f"did not answer within {self.allowed_s:.3g} s{have}"
         )
 
     def _hung_up(self, detail: object) -> InstrumentError:
@@ -193,10 +262,12 @@ class VisaTransport(_BufferedTransport):
         self._socket: socket.socket | None = None
         self._behind: Any = None
         try:
+            if host := re.match(r"TCPIP\d*::([^:]+)::", self.address, re.IGNORECASE):
+                socket.gethostbyname(host.group(1))  # pyvisa-py leaves a socket open if this fails
             # PyVISA raises its own errors, pyvisa-py bare exceptions and OSError.
             self._resource = manager.open_resource(
                 self.address,
-                open_timeout=int(1000 * self.timeout_s),
+                open_timeout=max(1, int(1000 * self.left_s())),
                 timeout=int(1000 * self.timeout_s),
             )
         except Exception as error:
@@ -271,6 +342,26 @@ class VisaTransport(_BufferedTransport):
             raise self._hung_up("the connection was closed at the other end")
         return self._visa_read(waiting, deadline)
 
+    def _waiting(self) -> bytes:
+        if self._socket is None:
+            return self._visa_waiting()
+        if ahead := len(self._behind._pending_buffer):
+            return self._visa_read(ahead, time.monotonic())
+        with contextlib.suppress(OSError):
+            if select.select([self._socket], [], [], 0)[0]:
+                waiting = len(self._socket.recv(_CHUNK, socket.MSG_PEEK))
+                return self._visa_read(waiting, time.monotonic()) if waiting else b""
+        return b""
+
+    def _visa_waiting(self) -> bytes:
+        if "SOCKET" not in self.address.upper():
+            return b""  # over USB nothing comes that was not asked for
+        found = b""
+        with contextlib.suppress(InstrumentError):  # a timeout: there is nothing more
+            while True:
+                found += self._visa_read(1, time.monotonic() + 0.001)
+        return found
+
     @staticmethod
     def _acknowledge_at_once(line: socket.socket) -> None:
         """Spare a peer that has Nagle's algorithm on the wait between two short answers.
@@ -317,11 +408,11 @@ class SerialTransport(_BufferedTransport):
                 timeout=self.timeout_s,
                 write_timeout=self.timeout_s,
             )
-        except (serial.SerialException, OSError, ValueError) as error:
+        except Exception as error:  # of pyserial, the system, and termios, which is neither
             raise self._refused(error) from error
 
     def _shut(self) -> None:
-        with contextlib.suppress(OSError):
+        with contextlib.suppress(Exception):
             self._port.close()
 
     def _send(self, data: bytes, deadline: float) -> None:
@@ -329,23 +420,26 @@ class SerialTransport(_BufferedTransport):
 
         try:
             self._port.write(data)
-            self._port.flush()
         except serial.SerialTimeoutException as error:
             raise self._timed_out() from error
-        except (serial.SerialException, OSError) as error:
+        except Exception as error:
             raise self._hung_up(error) from error
 
     def _receive(self, wanted: int, deadline: float) -> bytes:
-        import serial
-
-        self._port.timeout = max(0.0, deadline - time.monotonic())
         try:
+            self._port.timeout = max(0.0, deadline - time.monotonic())
             data = self._port.read(max(1, self._port.in_waiting))
-        except (serial.SerialException, OSError) as error:
+        except Exception as error:
             raise self._hung_up(error) from error
         if not data:
             raise self._timed_out()
         return bytes(data)
+
+    def _waiting(self) -> bytes:
+        try:
+            return bytes(self._port.read(self._port.in_waiting))
+        except Exception as error:
+            raise self._hung_up(error) from error
 
 
 def open_transport(

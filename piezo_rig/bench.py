@@ -181,6 +181,7 @@ class Bench:
         """Make one sweep ready on generator and digitizer; nothing moves."""
         factor = self.rig.digitizer.oversampling
         with instrument_errors():
+            self.amplifier.check()
             self.dac.load(name, wave.codes, wave.low_v, wave.high_v, sample_rate)
             self.digitizer.configure(
                 sample_rate * factor, wave.command_v.size * factor, self._ranges()
@@ -370,11 +371,11 @@ def simulated_instruments(rig: Rig, clock: Clock) -> Iterator[Rig]:
 
     Raises
     ------
-    InputError : the config's ``[plant]`` table is wrong
+    InputError : the config's ``[plant]`` or ``[faults]`` table is wrong
     """
     from drivers.simulated.bench import SimulatedBench
 
-    with SimulatedBench(simulated_plant(rig), clock) as simulated:
+    with SimulatedBench(simulated_plant(rig), clock, faults=simulated_faults(rig)) as simulated:
         where = simulated.addresses
         yield replace(
             rig,
@@ -391,6 +392,24 @@ def simulated_plant(rig: Rig) -> Any:
     from drivers.simulated.plant import Plant
 
     return Plant(plant_config(rig))
+
+
+def simulated_faults(rig: Rig) -> dict[str, Any]:
+    """The faults of instruments and lines that a simulated rig's config switches on.
+
+    Raises
+    ------
+    InputError : the ``[faults]`` table holds an unknown key or a value that does not fit
+    """
+    from drivers.simulated.faults import check_faults
+
+    try:
+        return dict(check_faults(rig.faults))
+    except ValueError as error:
+        raise InputError(
+            "config", f"{rig.path}: [faults] {error}", "a slip in the rig's config",
+            "see the table of faults in docs/simulated-bench.md",
+        ) from None
 
 
 def plant_config(rig: Rig) -> Any:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, MutableMapping
+from collections.abc import Collection, Mapping, MutableMapping
 from types import TracebackType
 from typing import Any
 
@@ -10,8 +10,7 @@ from drivers.clock import Clock, RealClock
 from drivers.simulated.clock_server import ClockServer
 from drivers.simulated.keysight_33500b import SimulatedKeysight33500B
 from drivers.simulated.keysight_l4532a import SimulatedKeysightL4532A
-from drivers.simulated.scpi_device import ScpiDevice
-from drivers.simulated.servers import LoopThread, PtyServer, TcpServer
+from drivers.simulated.servers import Device, LoopThread, PtyServer, TcpServer
 from drivers.simulated.thorlabs_mdt69x import SimulatedThorlabsMDT69x
 from drivers.simulated.wiring import Plant, Wiring
 
@@ -29,11 +28,10 @@ class SimulatedBench:
     host : address to listen on
     ports : instrument -> TCP port; 0 or absent picks a free one
     serial_numbers : instrument -> serial number, beginning with SIM
-    faults : instrument -> fault -> value, looked up at every message, so that a
-        test may change them under way. Waveform DAC and digitizer:
-        ``refuse``, ``setting_not_taken`` (list of headers), ``late_reply``
-        (seconds, once), ``hang_up`` (once); digitizer: ``no_trigger``
+    faults : instrument -> fault -> value, see `drivers.simulated.faults`; looked at
+        in every exchange, so that a test may change them under way
     set_voltage_v, voltage_limit_v : as the amplifier is adjusted
+    serial_lines : the instruments that are on a pseudo terminal; the others have a socket
 
     ``addresses`` holds what the drivers' `open_transport` takes, for
     ``waveform_dac``, ``digitizer``, ``amplifier`` and ``clock``.
@@ -50,6 +48,7 @@ class SimulatedBench:
         faults: MutableMapping[str, MutableMapping[str, Any]] | None = None,
         set_voltage_v: float = 75.0,
         voltage_limit_v: float = 75.0,
+        serial_lines: Collection[str] = ("amplifier",),
     ) -> None:
         serials = {**SERIAL_NUMBERS, **(serial_numbers or {})}
         for name, serial in serials.items():
@@ -72,17 +71,21 @@ class SimulatedBench:
             set_voltage_v,
             voltage_limit_v,
         )
-        devices: dict[str, ScpiDevice] = {
+        devices: dict[str, Device] = {
             "waveform_dac": SimulatedKeysight33500B(
                 self._wiring, clock, serials["waveform_dac"], self.faults["waveform_dac"]
             ),
             "digitizer": SimulatedKeysightL4532A(
                 self._wiring, clock, serials["digitizer"], self.faults["digitizer"]
             ),
+            "amplifier": amplifier,
             "clock": ClockServer(clock),
         }
-        self._servers = {name: TcpServer(device) for name, device in devices.items()}
-        self._pty = PtyServer(amplifier, paced=isinstance(clock, RealClock))
+        paced = isinstance(clock, RealClock)
+        self._servers: dict[str, TcpServer | PtyServer] = {
+            name: PtyServer(device, paced) if name in serial_lines else TcpServer(device)
+            for name, device in devices.items()
+        }
         self._thread: LoopThread | None = LoopThread()
         try:
             self._thread.run(self._start(host, ports or {}))
@@ -93,15 +96,11 @@ class SimulatedBench:
     async def _start(self, host: str, ports: Mapping[str, int]) -> None:
         for name, server in self._servers.items():
             await server.start(host, ports.get(name, 0))
-            self.addresses[name] = f"TCPIP::{host}::{server.port}::SOCKET"
-        await self._pty.start()
-        self.addresses["amplifier"] = self._pty.path
+            self.addresses[name] = server.address
 
     async def _stop(self) -> None:
         for server in self._servers.values():
             await server.stop()
-        if self._pty.path:
-            await self._pty.stop()
 
     def close(self) -> None:
         """Hang up on everyone and stop serving."""

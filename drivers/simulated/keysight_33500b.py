@@ -9,6 +9,8 @@ time, after which it rests at its first point.
 from __future__ import annotations
 
 import re
+from collections.abc import MutableMapping
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +18,7 @@ from numpy.typing import NDArray
 from drivers.clock import Clock
 from drivers.scpi import ErrorEntry, ScpiSyntaxError, Unit, block_argument
 from drivers.scpi_values import INFINITE, arb_name, format_number, parse_number, unquote
-from drivers.simulated.scpi_device import Faults, ScpiDevice, ScpiError, pass_until
+from drivers.simulated.scpi_device import ScpiDevice, ScpiError, pass_until
 from drivers.simulated.wiring import Wiring
 
 _MEMORY_POINTS = 1_000_000
@@ -36,7 +38,11 @@ class SimulatedKeysight33500B(ScpiDevice):
     """One channel of a 33500B as it stands after power-on: output off, sine, 50 ohm."""
 
     def __init__(
-        self, wiring: Wiring, clock: Clock, serial: str = "SIM00001", faults: Faults | None = None
+        self,
+        wiring: Wiring,
+        clock: Clock,
+        serial: str = "SIM00001",
+        faults: MutableMapping[str, Any] | None = None,
     ) -> None:
         super().__init__(
             clock, f"Keysight Technologies,33521B,{serial},2.09-1.19-2.00-52-00", faults

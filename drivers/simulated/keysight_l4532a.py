@@ -9,7 +9,7 @@ one it waits.
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Mapping
+from collections.abc import Mapping, MutableMapping
 from typing import Any
 
 import numpy as np
@@ -24,7 +24,7 @@ from drivers.scpi_values import (
     parse_number,
     parse_word,
 )
-from drivers.simulated.scpi_device import Faults, ScpiDevice, ScpiError, pass_until
+from drivers.simulated.scpi_device import ScpiDevice, ScpiError, pass_until
 from drivers.simulated.wiring import Capture, Wiring
 
 RATES = tuple(m * 10.0**n for n in range(3, 8) for m in (1, 2, 5) if m * 10**n <= 20_000_000)
@@ -43,7 +43,6 @@ class SimulatedKeysightL4532A(ScpiDevice):
     """An L4532A as it stands after power-on.
 
     ``inputs`` says which of the plant's voltages is connected to which channel.
-    The fault ``no_trigger`` is a trigger cable that is not connected.
     """
 
     def __init__(
@@ -51,7 +50,7 @@ class SimulatedKeysightL4532A(ScpiDevice):
         wiring: Wiring,
         clock: Clock,
         serial: str = "SIM00002",
-        faults: Faults | None = None,
+        faults: MutableMapping[str, Any] | None = None,
         inputs: Mapping[int, str] = INPUTS,
     ) -> None:
         super().__init__(clock, f"Agilent Technologies,L4532A,{serial},2.01-1.02", faults)
@@ -221,9 +220,9 @@ class SimulatedKeysightL4532A(ScpiDevice):
         self._capture = self._wiring.capture(t, self.state["rate"], int(self.state["count"]))
 
     def _external_pulse(self, t: float, rising: bool) -> None:
-        connected = not self.faults.get("no_trigger", False)
         right_edge = rising == (self.state["edge"] == "POS")
-        if self._armed and self.state["trigger"] == "EXT" and connected and right_edge:
+        waits = self._armed and self.state["trigger"] == "EXT" and right_edge
+        if waits and not self.faults.strike("no_trigger"):
             self._begin(t)
 
     def _software_trigger(self, unit: Unit) -> None:
@@ -263,6 +262,8 @@ class SimulatedKeysightL4532A(ScpiDevice):
         for column, channel in enumerate(channels):
             codes = self._codes.get(channel, np.empty(0, np.int16))[offset : offset + count]
             out[: codes.size, column] = codes
+        if fault := self.faults.strike("no_data"):
+            out[max(0, int(fault.value) - offset) :] = CODE_NO_DATA
         return channels, out
 
     def _digitize(self, capture: Capture) -> None:
@@ -275,13 +276,17 @@ class SimulatedKeysightL4532A(ScpiDevice):
             self._codes[channel] = clipped.astype(np.int16)
 
     def _order(self) -> str:
-        return "<" if self.state["border"] == "SWAP" else ">"
+        swapped = self.state["border"] == "SWAP"
+        if self.faults.strike("byte_order"):
+            swapped = not swapped
+        return "<" if swapped else ">"
 
     async def _fetch_volts(self, unit: Unit) -> bytes:
         channels, codes = await self._samples(unit)
         per_code = np.array([float(self._channels[c]["range"]) for c in channels])
         volts = codes * (per_code / CODE_FULL_SCALE)
-        volts[codes == CODE_NO_DATA] = NO_DATA
+        if not self.faults.strike("no_data_as_codes"):
+            volts[codes == CODE_NO_DATA] = NO_DATA
         kind = f"{self._order()}f{self.state['real'] // 8}"
         return encode_block(volts.astype(kind).tobytes(), digits=9)
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 import asyncio
 import inspect
 import re
-from collections.abc import Awaitable, Callable, Iterable, Mapping
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterable, MutableMapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,19 +18,21 @@ from drivers.clock import Clock
 from drivers.scpi import (
     ErrorEntry,
     ErrorQueue,
+    MessageSplitter,
     ScpiSyntaxError,
     Unit,
     event_status_bit,
     header_pattern,
+    parse_error_entry,
     parse_message,
     short_form,
 )
 from drivers.scpi_values import format_number, parse_boolean, parse_number, parse_word
+from drivers.simulated.faults import Faults
 
 Answer = str | bytes
 Setter = Callable[[Unit], Awaitable[None] | None]
 Getter = Callable[[Unit], Answer | Awaitable[Answer]]
-Faults = Mapping[str, Any]
 
 _HEADER = re.compile(r"\*?[A-Z][A-Z0-9_:]*")
 
@@ -68,14 +70,15 @@ class ScpiDevice:
     ----------
     clock : bench time
     identification : the four fields of ``*IDN?``
-    faults : what goes wrong; looked up at every message, so it may change under way.
-        ``setting_not_taken`` lists headers whose settings are swallowed.
+    faults : what goes wrong, see `drivers.simulated.faults`
     """
 
-    def __init__(self, clock: Clock, identification: str, faults: Faults | None = None) -> None:
+    def __init__(
+        self, clock: Clock, identification: str, faults: MutableMapping[str, Any] | None = None
+    ) -> None:
         self.clock = clock
         self.identification = identification
-        self.faults: Faults = faults if faults is not None else {}
+        self.faults = Faults(faults, clock)
         self.errors = ErrorQueue()
         self.state: dict[str, Any] = {}
         self._defaults: dict[str, Any] = {}
@@ -87,9 +90,15 @@ class ScpiDevice:
 
     # -------------------------------------------------------------- execution
 
+    def conversation(self) -> ScpiConversation:
+        """One client's connection: what it sends is framed apart from the others'."""
+        return ScpiConversation(self)
+
     async def execute(self, message: bytes) -> bytes | None:
         """Carry out one program message; the response message, or None."""
         answers: list[bytes] = []
+        if fault := self.faults.strike("error_queue", message):
+            self.report(parse_error_entry(str(fault.value)))
         try:
             for unit in parse_message(message):
                 try:
@@ -122,8 +131,9 @@ class ScpiDevice:
         if len(unit.arguments) > command.most:
             raise ScpiSyntaxError(-108, "Parameter not allowed")
         if not unit.query:
-            swallowed = self.faults.get("setting_not_taken", ())
-            if any(command is self._find(header.upper()) for header in swallowed):
+            swallowed = self.faults.strike("setting_not_taken")
+            headers = swallowed.value if swallowed else ()
+            if any(command is self._find(header.upper()) for header in headers):
                 return None
         result: Any = action(unit)
         if inspect.isawaitable(result):
@@ -218,7 +228,7 @@ class ScpiDevice:
         self.on("*WAI", set=self._wait)
         for mask in self._masks:
             self.on(mask, set=self._set_mask, get=lambda unit: f"+{self._masks[unit.header]}")
-        self.on("SYSTem:ERRor[:NEXT]", get=lambda unit: str(self.errors.pop()))
+        self.on("SYSTem:ERRor[:NEXT]", get=self._next_error)
         self.on("SYSTem:ERRor:COUNt", get=lambda unit: f"+{len(self.errors)}")
         self.on("SYSTem:VERSion", get=lambda unit: "1999.0")
 
@@ -228,6 +238,11 @@ class ScpiDevice:
 
     async def complete(self) -> None:
         """Return when no operation is pending."""
+
+    def _next_error(self, unit: Unit) -> str:
+        if self.faults.strike("stuck_queue"):
+            return str(ErrorEntry(-310, "System error"))
+        return str(self.errors.pop())
 
     def _clear_status(self) -> None:
         self.errors.clear()
@@ -257,3 +272,21 @@ class ScpiDevice:
 
     def _wait(self, unit: Unit) -> Any:
         return self.complete()
+
+
+class ScpiConversation:
+    """Bytes in, messages carried out with their answers out."""
+
+    def __init__(self, device: ScpiDevice) -> None:
+        self._device = device
+        self._splitter = MessageSplitter()
+
+    async def feed(self, data: bytes) -> AsyncIterator[tuple[bytes, bytes]]:
+        """Every message that ``data`` completes, and its answer, empty where there is none."""
+        try:
+            messages = self._splitter.feed(data)
+        except ScpiSyntaxError as error:
+            self._device.report(ErrorEntry(error.code, error.text))
+            return
+        for message in messages:
+            yield message, await self._device.execute(message) or b""

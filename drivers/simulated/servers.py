@@ -1,10 +1,8 @@
 """Real transports for simulated instruments: TCP sockets and a pseudo terminal.
 
 One asyncio loop in a thread of its own serves them all, so that a driver on
-another thread talks to them as it would to hardware. Faults of the line are
-made here: ``refuse`` (nothing listens), ``late_reply`` (seconds of real delay
-before the next answer, once), ``hang_up`` (the connection is closed in the
-middle of the next answer, once).
+another thread talks to them as it would to hardware. Either transport serves
+any device, and either has the faults of `drivers.simulated.faults`.
 """
 
 from __future__ import annotations
@@ -13,21 +11,30 @@ import asyncio
 import contextlib
 import os
 import threading
-from collections.abc import Coroutine
+from collections.abc import AsyncIterator, Coroutine
 from typing import Any, Protocol, TypeVar
 
-from drivers.scpi import ErrorEntry, MessageSplitter, ScpiSyntaxError
-from drivers.simulated.scpi_device import ScpiDevice
+from drivers.simulated.faults import Faults, spoil
 
 _READ = 1 << 16
 _BYTES_PER_SECOND = 11520  # 115200 baud, 8N1
 _T = TypeVar("_T")
 
 
-class SerialDevice(Protocol):
+class Conversation(Protocol):
+    """What one client says to a device, and what it answers."""
+
+    def feed(self, data: bytes) -> AsyncIterator[tuple[bytes, bytes]]:
+        """Every message that ``data`` completes, with its answer; empty: none."""
+        ...
+
+
+class Device(Protocol):
     """Anything that answers bytes with bytes."""
 
-    def feed(self, data: bytes) -> bytes: ...
+    faults: Faults
+
+    def conversation(self) -> Conversation: ...
 
 
 class LoopThread:
@@ -59,40 +66,49 @@ class LoopThread:
 
 
 class TcpServer:
-    """A SCPI instrument on a TCP port; any number of connections."""
+    """A device on a TCP port; any number of connections."""
 
-    def __init__(self, device: ScpiDevice) -> None:
+    def __init__(self, device: Device) -> None:
         self._device = device
         self._server: asyncio.Server | None = None
         self._writers: set[asyncio.StreamWriter] = set()
-        self.port = 0
+        self._tasks: set[asyncio.Task[None]] = set()
+        self.address = ""
 
     async def start(self, host: str, port: int) -> None:
-        self._server = await asyncio.start_server(self._serve, host, port, limit=1 << 22)
-        self.port = self._server.sockets[0].getsockname()[1]
-        if self._device.faults.get("refuse"):
+        self._server = await asyncio.start_server(self._connected, host, port, limit=1 << 22)
+        port = self._server.sockets[0].getsockname()[1]
+        self.address = f"TCPIP::{host}::{port}::SOCKET"
+        if self._device.faults.strike("refuse"):
             self._server.close()
 
     async def stop(self) -> None:
+        # A connection that is being made takes some turns of the loop, and its socket would be
+        # forgotten if the server were closed meanwhile.
+        await asyncio.sleep(0.002)
         if self._server is not None:
             self._server.close()
         for writer in list(self._writers):
             writer.close()
+        for task in list(self._tasks):
+            task.cancel()
+        await asyncio.gather(*self._tasks, return_exceptions=True)
         await asyncio.sleep(0)
 
-    async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+    def _connected(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         self._writers.add(writer)
-        splitter = MessageSplitter()
+        task = asyncio.get_running_loop().create_task(self._serve(reader, writer))
+        self._tasks.add(task)
+        task.add_done_callback(self._tasks.discard)
+
+    async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        conversation = self._device.conversation()
         try:
+            if self._device.faults.strike("drop_at_once"):
+                return
             while data := await reader.read(_READ):
-                try:
-                    messages = splitter.feed(data)
-                except ScpiSyntaxError as error:
-                    self._device.report(ErrorEntry(error.code, error.text))
-                    continue
-                for message in messages:
-                    answer = await self._device.execute(message)
-                    if answer is not None and not await self._answer(writer, answer):
+                async for message, answer in conversation.feed(data):
+                    if answer and not await self._answer(writer, message, answer):
                         return
         except (ConnectionError, asyncio.CancelledError):
             pass
@@ -102,64 +118,82 @@ class TcpServer:
             with contextlib.suppress(ConnectionError, asyncio.CancelledError):
                 await writer.wait_closed()
 
-    async def _answer(self, writer: asyncio.StreamWriter, answer: bytes) -> bool:
-        faults: Any = self._device.faults
-        if delay := faults.get("late_reply"):
-            faults.pop("late_reply")
-            await asyncio.sleep(delay)
-        if faults.get("hang_up"):
-            faults.pop("hang_up")
-            writer.write(answer[: len(answer) // 2])
-            return False
-        writer.write(answer)
-        await writer.drain()
-        return True
+    async def _answer(self, writer: asyncio.StreamWriter, message: bytes, answer: bytes) -> bool:
+        """Send an answer; False when the connection ends with it."""
+        spoilt = spoil(self._device.faults, message, answer)
+        for delay_s, piece in spoilt.pieces:
+            if delay_s:
+                await asyncio.sleep(delay_s)
+            writer.write(piece)
+            await writer.drain()
+        return not spoilt.hang_up
 
 
 class PtyServer:
-    """A serial instrument on a pseudo terminal.
+    """A device on a pseudo terminal.
 
     The kernel enforces no baud rate; ``paced`` makes answers take the time that
     they would take on the line.
     """
 
-    def __init__(self, device: SerialDevice, paced: bool) -> None:
+    def __init__(self, device: Device, paced: bool) -> None:
         self._device = device
+        self._conversation = device.conversation()
         self._paced = paced
-        self._queue: asyncio.Queue[bytes] = asyncio.Queue()
-        self.path = ""
+        self._said: asyncio.Queue[bytes] = asyncio.Queue()
+        self._near = self._far = -1
+        self._talk: asyncio.Task[None] | None = None
+        self.address = ""
 
-    async def start(self) -> None:
+    async def start(self, host: str, port: int) -> None:
+        """Make the terminal; host and port mean nothing to it."""
         import tty
 
         self._near, self._far = os.openpty()
         tty.setraw(self._far)  # no echo, no translation of line ends
         os.set_blocking(self._near, False)
         # The far side stays open here as well: without any holder, reads fail with EIO.
-        self.path = os.ttyname(self._far)
+        self.address = os.ttyname(self._far)
         asyncio.get_running_loop().add_reader(self._near, self._readable)
-        self._writer = asyncio.create_task(self._write_answers())
+        self._talk = asyncio.create_task(self._answer_all())
+        if self._device.faults.strike("refuse"):
+            self._unplug()
 
     async def stop(self) -> None:
-        asyncio.get_running_loop().remove_reader(self._near)
-        self._writer.cancel()
-        await asyncio.gather(self._writer, return_exceptions=True)
-        os.close(self._near)
-        os.close(self._far)
+        self._unplug()
+        if self._talk is not None:
+            self._talk.cancel()
+            await asyncio.gather(self._talk, return_exceptions=True)
+
+    def _unplug(self) -> None:
+        if self._near >= 0:
+            asyncio.get_running_loop().remove_reader(self._near)
+            os.close(self._near)
+            os.close(self._far)
+            self._near = self._far = -1
 
     def _readable(self) -> None:
         with contextlib.suppress(BlockingIOError, OSError):
-            answer = self._device.feed(os.read(self._near, _READ))
-            if answer:
-                self._queue.put_nowait(answer)
+            self._said.put_nowait(os.read(self._near, _READ))
 
-    async def _write_answers(self) -> None:
-        while True:
-            left = await self._queue.get()
-            if self._paced:
-                await asyncio.sleep(len(left) / _BYTES_PER_SECOND)
-            while left:
-                try:
-                    left = left[os.write(self._near, left) :]
-                except BlockingIOError:  # the kernel's buffer is full until someone reads
-                    await asyncio.sleep(0.005)
+    async def _answer_all(self) -> None:
+        while self._near >= 0:
+            data = await self._said.get()
+            async for message, answer in self._conversation.feed(data):
+                spoilt = spoil(self._device.faults, message, answer)
+                for delay_s, piece in spoilt.pieces:
+                    paced_s = len(piece) / _BYTES_PER_SECOND if self._paced else 0.0
+                    await asyncio.sleep(delay_s + paced_s)
+                    await self._send(piece)
+                if spoilt.hang_up:
+                    self._unplug()
+                    return
+
+    async def _send(self, left: bytes) -> None:
+        while left:
+            try:
+                left = left[os.write(self._near, left) :]
+            except BlockingIOError:  # the kernel's buffer is full until someone reads
+                await asyncio.sleep(0.005)
+            except OSError:  # unplugged
+                return

@@ -8,8 +8,10 @@ everything with a prompt.
 from __future__ import annotations
 
 import re
+from collections.abc import AsyncIterator, MutableMapping
+from typing import Any
 
-from drivers.simulated.scpi_device import Faults
+from drivers.simulated.faults import Faults
 from drivers.simulated.wiring import Wiring
 
 PROMPT = b"> "
@@ -22,32 +24,37 @@ class SimulatedThorlabsMDT69x:
         self,
         wiring: Wiring,
         serial: str = "SIM00003",
-        faults: Faults | None = None,
+        faults: MutableMapping[str, Any] | None = None,
         set_voltage_v: float = 75.0,
         voltage_limit_v: float = 75.0,
     ) -> None:
         self._wiring = wiring
         self._serial = serial
-        self.faults: Faults = faults if faults is not None else {}
+        self.faults = Faults(faults, wiring.clock)
         self._set_v = set_voltage_v
         self._limit_v = voltage_limit_v
         self._echo = True
         self._buffer = b""
         wiring.set_amplifier_offset(set_voltage_v)
 
-    def feed(self, data: bytes) -> bytes:
-        """What the unit sends back for the commands that ``data`` completes."""
+    def conversation(self) -> SimulatedThorlabsMDT69x:
+        """A serial line has one client."""
+        return self
+
+    async def feed(self, data: bytes) -> AsyncIterator[tuple[bytes, bytes]]:
+        """Every command that ``data`` completes, and what the unit sends back."""
         self._buffer += data
-        out = b""
         while (found := re.search(rb"[\r\n]", self._buffer)) is not None:
             command = self._buffer[: found.start()].decode("latin-1").strip()
             self._buffer = self._buffer[found.end() :]
             if command:
                 echo = command.encode("latin-1") + b"\r" if self._echo else b""
-                out += echo + self._answer(command.lower()) + PROMPT
-        return out
+                yield command.encode("latin-1"), echo + self._answer(command.lower()) + PROMPT
 
     def _answer(self, command: str) -> bytes:
+        if fault := self.faults.strike("adjusted", command.encode("latin-1")):
+            self._set_v = float(fault.value)
+            self._wiring.set_amplifier_offset(self._set_v)
         name, equals, value = command.partition("=")
         if equals:
             return self._change(name.strip(), value.strip())
@@ -74,9 +81,8 @@ class SimulatedThorlabsMDT69x:
         if name == "xvoltage":
             if not 0 <= number <= self._limit_v:
                 return b"CMD_ARG_INVALID\r"
-            if not self.faults.get("setting_not_taken"):
-                self._set_v = round(number, 1)
-                self._wiring.set_amplifier_offset(self._set_v)
+            self._set_v = round(number, 1)
+            self._wiring.set_amplifier_offset(self._set_v)
             return b""
         if name == "echo":
             self._echo = bool(number)

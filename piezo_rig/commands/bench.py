@@ -29,7 +29,7 @@ def execute(args: argparse.Namespace) -> int:
 
     from drivers.clock import RealClock, VirtualClock
     from drivers.simulated.bench import SimulatedBench
-    from piezo_rig.bench import simulated_plant
+    from piezo_rig.bench import simulated_faults, simulated_plant
     from piezo_rig.commands.rig_text import served_rig
     from piezo_rig.config import DEFAULT_RIG, load_rig
 
@@ -42,7 +42,7 @@ def execute(args: argparse.Namespace) -> int:
         plant = simulated_plant(rig)
         if args.record:
             stack.enter_context(_recording(plant, Path(args.record), clock))
-        bench = stack.enter_context(SimulatedBench(plant, clock))
+        bench = stack.enter_context(SimulatedBench(plant, clock, faults=simulated_faults(rig)))
         for name, address in bench.addresses.items():
             print(f"{name}: {address}", flush=True)
         if args.config_out:

@@ -15,7 +15,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def execute(args: argparse.Namespace) -> int:
-    from piezo_rig.bench import plant_config
+    from piezo_rig.bench import plant_config, simulated_faults
     from piezo_rig.commands.console import seconds, size
     from piezo_rig.config import DEFAULT_RIG, load_rig
     from piezo_rig.protocol import build_plan, load_protocol
@@ -27,6 +27,7 @@ def execute(args: argparse.Namespace) -> int:
     rig = load_rig(args.rig or DEFAULT_RIG)
     if rig.simulated:
         plant_config(rig)
+        simulated_faults(rig)
     plan = build_plan(load_protocol(find("protocols", args.protocol)), rig)
     protocol, limits, worst = plan.protocol, rig.limits, extremes(plan)
     print(f"protocol  {protocol.name}: {protocol.description or '(no description)'}")

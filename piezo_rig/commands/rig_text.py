@@ -9,7 +9,7 @@ _DROPPED = re.compile(r"^\s*(simulated|clock|address)\s*=")
 
 
 def served_rig(text: str, addresses: dict[str, str], clock: str) -> str:
-    """The config with addresses in and the plant out.
+    """The config with addresses in, and plant and faults out.
 
     Parameters
     ----------
@@ -23,7 +23,7 @@ def served_rig(text: str, addresses: dict[str, str], clock: str) -> str:
         header = _HEADER.match(line)
         if header:
             table = header.group(1)
-        if table.split(".")[0] == "plant":
+        if table.split(".")[0] in ("plant", "faults"):
             continue
         if table in (*addresses, "bench") and not header and _DROPPED.match(line):
             continue

@@ -31,6 +31,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def execute(args: argparse.Namespace) -> int:
     from piezo_rig.commands.first_model import first_model
     from piezo_rig.errors import Aborted
+    from piezo_rig.run_file.reader import Run
+    from piezo_rig.sweep_watch import error_of
 
     path = resume(args) if args.resume else begin(args)
     try:
@@ -44,6 +46,10 @@ def execute(args: argparse.Namespace) -> int:
     print(f"run: {path}")
     print(f"model: {model}")
     print(f"figure: {figure}")
+    run = Run(path)
+    if flagged := error_of(run.events(), run.active_names):
+        flagged.piezo = "at 0 V (the run ended at rest)"
+        raise flagged
     return 0
 
 

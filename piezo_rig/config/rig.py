@@ -90,6 +90,7 @@ class Rig:
     limits: Limits
     recovery_s: float
     plant: dict[str, Any] = field(default_factory=dict)
+    faults: dict[str, Any] = field(default_factory=dict)
 
     @property
     def gain(self) -> float:
@@ -223,9 +224,10 @@ def load_rig(name: str = DEFAULT_RIG) -> Rig:
     bounds.finish()
 
     recovery_s = root.number("recovery_s", 30.0, low=0.0, high=86_400.0)
-    plant = root.raw("plant")
-    if plant and not simulated:
-        raise root.error("plant", "only a simulated bench has a plant")
+    plant, faults = root.raw("plant"), root.raw("faults")
+    for key, given in (("plant", plant), ("faults", faults)):
+        if given and not simulated:
+            raise root.error(key, f"only a simulated bench has a table [{key}]")
     root.finish()
 
     rest = -amplifier_calibration.offset_v / amplifier_calibration.gain
@@ -242,4 +244,5 @@ def load_rig(name: str = DEFAULT_RIG) -> Rig:
         amplifier_calibration=amplifier_calibration, interferometer=sensor_link,
         interferometer_calibration=sensor_calibration, sensitivity_switch=switch,
         polarity=polarity, actuator=actuator, limits=limits, recovery_s=recovery_s, plant=plant,
+        faults=faults,
     )

@@ -24,6 +24,8 @@ class Kind(IntEnum):
     WRITE = 2  # send these bytes to the generator
     UNTIL = 3  # receive up to and including these bytes
     EXACTLY = 4  # receive as many bytes as this decimal number says
+    SOME = 7  # receive what there is, at least one byte
+    UNASKED = 8  # take what has come without being asked for
     REOPEN = 5  # close the line and open it again
     FINISHED = 6  # the stack is at rest, or was never moved: the guard may go
     DONE = 16  # with what was received

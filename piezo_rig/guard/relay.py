@@ -7,7 +7,7 @@ import socket
 from collections.abc import Callable
 
 from drivers.errors import InstrumentError
-from drivers.transport import Observer, Transport, open_transport
+from drivers.transport import Deadlines, Observer, Transport, open_transport
 from piezo_rig.guard import frames
 from piezo_rig.guard.frames import Kind
 from piezo_rig.guard.orders import Report
@@ -16,7 +16,7 @@ _GRACE_S = 10.0  # the guard answers this much later than the line's own timeout
 _START_S = 30.0  # a slow computer starts the guard
 
 
-class RelayTransport:
+class RelayTransport(Deadlines):
     """A `drivers.transport.Transport` whose far end is in the guard's hands.
 
     A guard that is gone, or does not answer, is an InstrumentError, once:
@@ -70,6 +70,21 @@ class RelayTransport:
         self._observe("in", data)
         return data
 
+    def read_some(self) -> bytes:
+        if self._line is None:
+            return self._own().read_some()
+        data = self._ask(Kind.SOME)
+        self._observe("in", data)
+        return data
+
+    def take_unasked(self) -> bytes:
+        if self._line is None:
+            return self._own().take_unasked()
+        data = self._ask(Kind.UNASKED)
+        if data:
+            self._observe("in", data)
+        return data
+
     def reopen(self) -> None:
         if self._line is None:
             self._own().reopen()
@@ -99,8 +114,9 @@ class RelayTransport:
         line = self._line
         assert line is not None
         try:
-            line.settimeout(self.timeout_s + _GRACE_S + extra_s)
-            frames.send(line, kind, self.timeout_s, payload)
+            left_s = self.left_s()
+            line.settimeout(left_s + _GRACE_S + extra_s)
+            frames.send(line, kind, left_s, payload)
         except OSError:
             raise self._gone() from None
         return self._answer()
@@ -154,7 +170,7 @@ class RelayTransport:
             self._straight = open_transport(
                 self.address, self.instrument, self.timeout_s, self.observer
             )
-        self._straight.timeout_s = self.timeout_s
+        self._straight.timeout_s = self.left_s()
         return self._straight
 
     def _observe(self, direction: str, data: bytes) -> None:

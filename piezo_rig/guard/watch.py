@@ -151,6 +151,10 @@ class Watch:
             return answer
         elif kind == Kind.EXACTLY:
             return line.read_exactly(int(payload))
+        elif kind == Kind.SOME:
+            return line.read_some()
+        elif kind == Kind.UNASKED:
+            return line.take_unasked()
         return b""
 
     # ------------------------------------------------------------- taking over

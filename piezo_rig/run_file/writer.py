@@ -42,6 +42,7 @@ from piezo_rig.run_file.layout import (
 WIRE_HEAD = struct.Struct("<dBBI")  # seconds, instrument, direction, length of what follows
 RESERVE = 4_000_000  # bytes for logs, the transcript and the file system itself
 DIRECTIONS = ("out", "in", "event")
+METADATA_BYTES = (256 * 1024, 128 * 1024, 512 * 1024)  # at first, least, most
 
 
 def part_path(path: Path) -> Path:
@@ -83,6 +84,7 @@ class RunWriter:
             self._file = h5py.File(new, "w-", libver="latest", track_order=True)
             self._create()
             self._file.swmr_mode = True
+            _bound_metadata(self._file)
             # HDF5 gives up its own lock in this mode. A shared one tells `recover` that the
             # writer lives, and lets readers in.
             self._alive = new.open("rb")
@@ -283,6 +285,14 @@ class _DiskGuard:
                 f"what was recorded so far is in {self.part}; make room and start again "
                 "(it is recovered by itself)",
             ) from None
+
+
+def _bound_metadata(file: h5py.File) -> None:
+    """Keep HDF5 from holding every sweep's description in memory for a day (docs/endurance.md)."""
+    config = file.id.get_mdc_config()
+    config.set_initial_size = True
+    config.initial_size, config.min_size, config.max_size = METADATA_BYTES
+    file.id.set_mdc_config(config)
 
 
 def _text(group: h5py.Group, name: str, text: str) -> None:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 
 from piezo_rig.bench import SECONDS_PER_SAMPLE, Bench
@@ -21,6 +22,7 @@ from piezo_rig.runner.resume import Seam
 from piezo_rig.runner.safe import LONGEST_CLOSING_S, make_safe
 from piezo_rig.runner.stop import Stop
 from piezo_rig.runner.wire import Wire
+from piezo_rig.sweep_watch import watch
 
 Tell = Callable[[str], None]
 
@@ -147,6 +149,8 @@ class _Session:
             recorded.start_time + self.shift_s,
         )
         self.stop.doing = ""
+        watch(self.bench.rig, sweep.wave.drive_v, recorded, partial(self.writer.log, self._now()),
+              sweep.name)
 
 
 def _status(index: int, sweeps: tuple[PlannedSweep, ...], left_s: float) -> str:

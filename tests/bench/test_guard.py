@@ -17,6 +17,7 @@ import pytest
 
 from drivers.clock import RealClock
 from drivers.errors import InstrumentError
+from drivers.transport import Deadlines
 from drivers.waveform_dac import Keysight33500B
 from piezo_rig.bench import orders
 from piezo_rig.cli import main
@@ -239,10 +240,13 @@ def test_a_generator_that_stays_away_is_given_up_in_the_end():
     assert line.asked
 
 
-class DeadLine:
+class DeadLine(Deadlines):
     """A line on which nobody answers."""
 
     address, instrument, timeout_s, observer, asked = "nowhere", "waveform_dac", 1.0, None, 0
+
+    def take_unasked(self) -> bytes:
+        return b""
 
     def write(self, data: bytes) -> None:
         self.asked += 1

@@ -21,6 +21,12 @@ def test_every_setting_of_the_plant_is_documented_with_its_default():
     assert table() in text, "run: make docs"
 
 
+def test_every_fault_of_the_simulated_bench_is_documented():
+    from drivers.simulated.__main__ import table
+
+    assert table() in (DOCS / "simulated-bench.md").read_text(), "run: make docs"
+
+
 def test_the_readme_names_every_verb():
     text = (CHECKOUT / "README.md").read_text()
     for verb in VERBS:

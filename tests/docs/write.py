@@ -2,14 +2,20 @@
 
 from pathlib import Path
 
-from drivers.simulated.plant.__main__ import table
+from drivers.simulated import __main__ as faults
+from drivers.simulated.plant import __main__ as plant
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "simulated-bench.md"
 
 
 def main() -> None:
-    prose = PAGE.read_text(encoding="utf-8").split("| key |")[0].rstrip()
-    PAGE.write_text(f"{prose}\n\n{table()}\n", encoding="utf-8")
+    text = PAGE.read_text(encoding="utf-8")
+    for table in (faults.table(), plant.table()):
+        head = table.splitlines()[0]
+        before, _, rest = text.partition(head)
+        after = "".join(rest.partition("\n\n")[1:])
+        text = f"{before}{table}{after}"
+    PAGE.write_text(text.rstrip() + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":

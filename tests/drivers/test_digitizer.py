@@ -135,14 +135,16 @@ def test_the_wrong_byte_order_is_noticed(dac, digitizer, client):
     assert "byte order" in failure.value.cause
 
 
-@pytest.mark.parametrize(
-    ("rate", "count", "ranges"), [(3000, 100, RANGES), (5000, 100, {1: 3.0}), (5000, 10**9, RANGES)]
-)
-def test_what_the_instrument_does_not_have_is_refused_before_it_is_sent(
-    digitizer, rate, count, ranges
-):
-    with pytest.raises(ValueError, match=r"grid|range|memory"):
-        digitizer.configure(rate, count, ranges)
+@pytest.mark.parametrize(("rate", "ranges"), [(3000, RANGES), (5000, {1: 3.0})])
+def test_what_the_instrument_does_not_have_is_refused_before_it_is_sent(digitizer, rate, ranges):
+    with pytest.raises(ValueError, match=r"grid|range"):
+        digitizer.configure(rate, 100, ranges)
+
+
+def test_more_samples_than_the_instrument_says_it_holds_are_refused(digitizer):
+    with pytest.raises(InstrumentError, match="memory takes 33554432") as failure:
+        digitizer.configure(5000, 10**9, RANGES)
+    assert failure.value.code == "instrument-setting"
 
 
 def test_a_range_that_is_not_taken_is_an_error(digitizer, faults):

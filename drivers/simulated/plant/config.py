@@ -45,6 +45,7 @@ from drivers.simulated.plant.electrical import (
 )
 from drivers.simulated.plant.interferometer import (
     ArNoise,
+    BeamInterruption,
     FringeJump,
     Interferometer,
     MainsHum,
@@ -55,6 +56,7 @@ from drivers.simulated.plant.interferometer import (
     Sensor,
     SensorClipping,
     SensorScale,
+    SwitchTurned,
     ThermalDrift,
     WhiteNoise,
 )
@@ -87,6 +89,8 @@ class PlantConfig:
     strangers: Strangers = field(default_factory=Strangers)
     # sensor
     sensor: Sensor = field(default_factory=Sensor)
+    switch_turned: SwitchTurned = field(default_factory=SwitchTurned)
+    beam_interruption: BeamInterruption = field(default_factory=BeamInterruption)
     thermal_drift: ThermalDrift = field(default_factory=ThermalDrift)
     periodic_nonlinearity: PeriodicNonlinearity = field(default_factory=PeriodicNonlinearity)
     fringe_jump: FringeJump = field(default_factory=FringeJump)
@@ -128,6 +132,8 @@ class PlantConfig:
         """The sensor with its errors."""
         return Interferometer(
             sensor=self.sensor,
+            switch_turned=self.switch_turned,
+            beam_interruption=self.beam_interruption,
             thermal_drift=self.thermal_drift,
             periodic_nonlinearity=self.periodic_nonlinearity,
             fringe_jump=self.fringe_jump,

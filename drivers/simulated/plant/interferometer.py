@@ -34,6 +34,26 @@ class Sensor:
 
 
 @dataclass(frozen=True)
+class SwitchTurned:
+    """Somebody turns the sensitivity switch while nobody looks."""
+
+    on: bool = switch(False)
+    time: float = setting(0.0, "s", "bench time from which it stands elsewhere", low=0.0)
+    switch: int = setting(4, "1", "where it stands then", low=0, high=6)
+
+
+@dataclass(frozen=True)
+class BeamInterruption:
+    """Something gets into the beam: the output stands still, and the count is lost."""
+
+    on: bool = switch(False)
+    times: tuple[float, ...] = setting((), "s", "bench times at which the beam is lost")
+    duration: float = setting(0.05, "s", "how long it is lost each time", low=0.0)
+    volts: float = setting(0.0, "V", "output while it is lost")
+    lost_um: float = setting(0.2, "um", "error of the count each time")
+
+
+@dataclass(frozen=True)
 class ThermalDrift:
     """The frame and the dead path change length with clock time."""
 
@@ -137,6 +157,8 @@ class Interferometer:
     """The instrument and everything that can be wrong with it."""
 
     sensor: Sensor = field(default_factory=Sensor)
+    switch_turned: SwitchTurned = field(default_factory=SwitchTurned)
+    beam_interruption: BeamInterruption = field(default_factory=BeamInterruption)
     thermal_drift: ThermalDrift = field(default_factory=ThermalDrift)
     periodic_nonlinearity: PeriodicNonlinearity = field(default_factory=PeriodicNonlinearity)
     fringe_jump: FringeJump = field(default_factory=FringeJump)
@@ -180,7 +202,13 @@ class Interferometer:
         if self.outliers.on:
             chance = self.outliers.per_second / rate
             noise.add_outliers(seen, 1e-3 * self.outliers.height, chance, seed, tick, rate)
-        return self._output(seen)
+        if self.beam_interruption.on:
+            lost = np.searchsorted(self._beam_lost(), t, side="right")
+            seen += self.beam_interruption.lost_um * lost
+        return self._output(seen, t)
+
+    def _beam_lost(self) -> Array:
+        return np.sort(np.asarray(self.beam_interruption.times, dtype=np.float64))
 
     def _periodic_error(self, um: Array) -> Array:
         effect = self.periodic_nonlinearity
@@ -209,12 +237,19 @@ class Interferometer:
         shape = np.sin(angle) + effect.third * np.sin(3 * angle) + effect.fifth * np.sin(5 * angle)
         return np.asarray(1e-3 * effect.amplitude * shape)
 
-    def _output(self, um: Array) -> Array:
-        scale = SENSITIVITY_UM_PER_V[self.sensor.switch]
+    def _output(self, um: Array, t: Array) -> Array:
+        scale: Array | float = SENSITIVITY_UM_PER_V[self.sensor.switch]
+        if self.switch_turned.on:
+            turned = SENSITIVITY_UM_PER_V[self.switch_turned.switch]
+            scale = np.where(t >= self.switch_turned.time, turned, scale)
         if self.sensor_scale.on:
             scale *= self.sensor_scale.ratio
         volts = self.sensor.zero_v + self.sensor.polarity * um / scale
         if self.quantisation.on:
             step = 2.0 * self.quantisation.full_scale / 2.0**self.quantisation.bits
             volts = step * np.round(volts / step)
+        if self.beam_interruption.on:
+            for begin in self._beam_lost():
+                dark = (t >= begin) & (t < begin + self.beam_interruption.duration)
+                volts[dark] = self.beam_interruption.volts
         return np.asarray(np.clip(volts, -self.sensor.limit_v, self.sensor.limit_v))
