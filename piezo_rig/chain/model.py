@@ -201,6 +201,12 @@ class Model:
         return signal
 
 
+def first_measured(time_s: FloatArray) -> int:
+    """First sample behind whatever `Model.simulate` has put long before a drive."""
+    before = np.flatnonzero(np.diff(time_s) > 0.5 * LONG_AGO_S)
+    return int(before[-1]) + 1 if before.size else 0
+
+
 def _preceded(drive: FloatArray) -> FloatArray:
     """The drive with its own turning points played before it, from the smaller extreme."""
     loops = half_loops(drive)

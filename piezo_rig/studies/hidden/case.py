@@ -13,6 +13,7 @@ from piezo_rig.run_file.sweep import Sweep
 from piezo_rig.studies.hidden.body import Body, random_body
 from piezo_rig.studies.hidden.effects import EFFECTS, Effect
 from piezo_rig.studies.hidden.events import EVENTS
+from piezo_rig.studies.hidden.history import HISTORY
 from piezo_rig.studies.hidden.noise import Noise, noise_of
 from piezo_rig.studies.hidden.oracle import Oracle, base_columns, size_for
 from piezo_rig.studies.hidden.protocols import Condition, conditions_of, unseen_drive
@@ -20,7 +21,7 @@ from piezo_rig.studies.hidden.session import Session
 from piezo_rig.studies.hidden.strangers import STRANGERS
 
 FloatArray = NDArray[np.float64]
-KINDS = ("null", *EFFECTS, *EVENTS, "stranger", *STRANGERS, "pair")
+KINDS = ("null", *EFFECTS, *HISTORY, *EVENTS, "stranger", *STRANGERS, "pair")
 SENSITIVITY = 15.48
 
 
@@ -175,7 +176,7 @@ def _recorded(case: Case, rng: np.random.Generator) -> list[Sweep]:
 
 
 def _chosen(kind: str, rng: np.random.Generator) -> list[type[Effect]]:
-    every: dict[str, type[Effect]] = {**EFFECTS, **EVENTS, **STRANGERS}
+    every: dict[str, type[Effect]] = {**EFFECTS, **HISTORY, **EVENTS, **STRANGERS}
     if kind == "null":
         return []
     if kind == "stranger":
