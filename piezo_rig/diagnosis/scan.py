@@ -92,6 +92,12 @@ def candidates(space: Space, model: Model) -> tuple[list[Candidate], dict[str, s
         if kind.needs_first_rise and not space.groups.has_first_rise:
             refused[id] = "no first rise from rest in the data"
             continue
+        if kind.needs_fixed_model and not space.held:
+            refused[id] = (
+                "only against a fixed reference model (--baseline MODEL.json): a model that is "
+                "refitted takes it in without a trace"
+            )
+            continue
         if kind.needs_speeds and not _several_speeds(context):
             refused[id] = (
                 "all half loops are about equally fast: a delay, a lag of the drive and a loop "

@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
+import pytest
+
 from piezo_rig.diagnosis import diagnose
 from piezo_rig.studies.hidden import draw
+from piezo_rig.studies.hidden.calibration import SensorScale
 
 
 def holds(parameter, true):
@@ -14,7 +19,41 @@ def holds(parameter, true):
 
 def test_travel_that_grows_with_the_cycles_played_is_ageing():
     case = draw("cycle-aging", 1, "rates", "white", d_prime=60.0, form="A")
-    (finding,) = diagnose(case.sweeps).findings
+    found = diagnose(case.sweeps)
+    (finding,) = found.findings
     assert finding.cause == "cycle-aging"
     true = case.truth.parameters["cycle-aging"]["rate_per_decade"]
     assert holds(finding.parameters["rate_per_decade"], true)
+    for cause in ("drive-gain", "sensor-scale"):
+        assert "only against a fixed reference model" in found.refused[cause]
+
+
+@pytest.fixture(scope="module")
+def calibrated():
+    """A reference model, and a function: gain, scale -> a later session of the same actuator."""
+    case = draw("drive-gain", 3, "rates", "white", form="A")
+    (gain,) = case.effects
+    scale = SensorScale(size=0.01, sign=1.0, form="A")
+    later = {
+        "nothing": replace(case, effects=()),
+        "drive-gain": replace(case, effects=(replace(gain, sign=1.0, size=0.01),)),
+        "sensor-scale": replace(case, effects=(scale,)),
+    }
+    return diagnose(case.before(1)).model, {k: c.again(2) for k, c in later.items()}
+
+
+@pytest.mark.parametrize("cause", ["drive-gain", "sensor-scale"])
+def test_against_a_fixed_model_gain_and_scale_are_told_apart(calibrated, cause):
+    model, sessions = calibrated
+    (finding,) = diagnose(sessions[cause], model).findings
+    assert finding.cause == cause
+    assert finding.alternatives == []
+    assert finding.parameters["ratio"].value == pytest.approx(1.01, abs=3e-4)
+    assert holds(finding.parameters["ratio"], 1.01)
+
+
+def test_another_session_of_the_same_actuator_is_no_finding(calibrated):
+    model, sessions = calibrated
+    found = diagnose(sessions["nothing"], model)
+    assert found.findings == []
+    assert not found.unexplained.detected
