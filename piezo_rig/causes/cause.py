@@ -64,6 +64,8 @@ class Cause(Stage):
     sharp : parameter -> by how much finer than its example it must be varied
     needs_speeds : it can be told from the model's own loop only where half loops differ in speed
     needs_first_rise : it can show only where the data hold a first rise from rest
+    needs_known_order : it can be told only where every recording begins virgin, at a known time,
+        and the model has no elements of its own for the first rise
     needs_fixed_model : a model that is refitted takes it in without a trace
     """
 
@@ -75,6 +77,7 @@ class Cause(Stage):
     sharp: ClassVar[Mapping[str, float]] = {}
     needs_speeds: ClassVar[bool] = False
     needs_first_rise: ClassVar[bool] = False
+    needs_known_order: ClassVar[bool] = False
     needs_fixed_model: ClassVar[bool] = False
 
     @classmethod

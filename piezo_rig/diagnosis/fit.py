@@ -135,7 +135,7 @@ class Point:
 
     def tangent(self, group: Group, first: int = 0) -> tuple[FloatArray, FloatArray]:
         """Prediction (n,) and its derivative by the free numbers from ``first`` on, (p, n)."""
-        group.memo.remember(self.model)
+        group.remember(self.model)
         base = group.predicted(self.model)
         near = self.neighbours(first)
         out = np.empty((len(near), base.size))

@@ -8,6 +8,7 @@ import pytest
 from piezo_rig.causes import CAUSES
 from piezo_rig.causes.cause import Cause, Context
 from piezo_rig.causes.cycle_aging import cycles
+from piezo_rig.causes.remanence import turns_to
 from piezo_rig.chain import Elements, Maxwell, Model, Signal
 
 HALF = np.linspace(0.0, 50.0, 101)
@@ -82,3 +83,58 @@ def test_ageing_is_looked_for_in_both_of_its_forms():
     assert len(changes) == 2
     assert not np.allclose(changes[0], changes[1])
     assert all(0.0 < np.max(np.abs(c)) < 0.05 for c in changes)
+
+
+def played(thresholds, drive, begin):
+    """Play operators by hand."""
+    state = begin.copy()
+    for v in drive:
+        state = np.minimum(np.maximum(state, v - thresholds), v + thresholds)
+    return state
+
+
+def test_turning_points_leave_any_memory_that_is_less_steep_than_a_drives():
+    r = 40.0 * np.linspace(1.0, 0.0, 801)
+    left = 0.3 * np.minimum(r, 40.0 - r)
+    thresholds = np.linspace(0.13, 39.9, 57)
+    found = played(thresholds, turns_to(r, left), np.zeros(57))
+    wanted = 0.3 * np.minimum(thresholds, 40.0 - thresholds)
+    assert found == pytest.approx(wanted, abs=0.25 * 0.05 + 1e-9)
+    assert np.mean(found - wanted) == pytest.approx(0.0, abs=2e-3)
+
+
+BIG = np.array([0.0, 60.0, 0.0])
+
+
+def remembering(fraction, turns=(BIG,)):
+    """One element that gives way at 20 V and doubles the slope, after a rise to 60 V."""
+    model = Model((Maxwell.of(Elements.from_curve(np.array([20.0, 100.0]), np.array([0.1, 0.2]))),))
+    rise = np.linspace(0.0, 60.0, 241)
+    stage = CAUSES["remanence"].of(None, fraction=fraction)
+    x = model.with_stage(stage).simulate(0.01 * np.arange(241), rise, earlier=turns)
+    return rise, x
+
+
+@pytest.mark.parametrize("fraction", [0.0, 0.25, 0.6])
+def test_an_element_that_remembers_gives_way_later_by_what_it_remembers(fraction):
+    rise, x = remembering(fraction)
+    # at the end of the recording before it stood 20 V off: play of 20 V after 60 V and back
+    way = 20.0 + fraction * 20.0
+    wanted = 0.1 * rise + 0.1 * np.maximum(rise - way, 0.0)
+    assert x == pytest.approx(wanted, abs=0.1 * 0.03)
+
+
+def test_what_is_left_shrinks_with_every_rest():
+    _, x = remembering(0.5, (BIG, np.array([0.0, 1.0, 0.0])))
+    assert x[-1] == pytest.approx(6.0 + 0.1 * (40.0 - 0.25 * 20.0), abs=0.003)
+
+
+def test_without_a_recording_before_there_is_nothing_to_remember():
+    assert np.array_equal(remembering(0.5, ())[1], remembering(0.0)[1])
+
+
+def test_a_model_with_a_first_rise_of_its_own_remembers_nothing():
+    table = Elements.from_curve(np.array([20.0, 100.0]), np.array([0.1, 0.2]))
+    stages = (Maxwell.of(table), CAUSES["initiation-stage"].of(table),
+              CAUSES["remanence"].of(None, fraction=0.5))  # fmt: skip
+    assert Model(stages).remembering == []

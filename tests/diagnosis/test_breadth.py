@@ -7,6 +7,8 @@ from dataclasses import replace
 import pytest
 
 from piezo_rig.diagnosis import diagnose
+from piezo_rig.diagnosis.groups import group_tracks
+from piezo_rig.identification import prepare
 from piezo_rig.studies.hidden import draw
 from piezo_rig.studies.hidden.calibration import SensorScale
 
@@ -57,3 +59,19 @@ def test_another_session_of_the_same_actuator_is_no_finding(calibrated):
     found = diagnose(sessions["nothing"], model)
     assert found.findings == []
     assert not found.unexplained.detected
+
+
+def test_memory_of_the_recording_before_is_remanence():
+    case = draw("remanence", 2, "rates", "white", d_prime=60.0, form="A")
+    finding = diagnose(case.sweeps).findings[0]
+    assert finding.cause == "remanence"
+    assert holds(finding.parameters["fraction"], case.truth.parameters["remanence"]["fraction"])
+
+
+def test_remanence_is_refused_where_the_history_is_not_known():
+    case = draw("null", 1, "rates", "white", repeats=1)
+    tracks = prepare([s.with_(history="unknown") for s in case.sweeps], first_rises=True)
+    groups = group_tracks(tracks, [s.with_(history="unknown") for s in case.sweeps])
+    assert not any(g.earlier for g in groups.groups)
+    known = group_tracks(prepare(case.sweeps), case.sweeps)
+    assert [len(g.earlier[0][1]) for g in known.groups] == [0, 1, 2, 3, 3, 3, 3]

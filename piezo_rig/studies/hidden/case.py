@@ -235,7 +235,8 @@ def draw(
     effects = []
     for k in kinds:
         drawn = str(rng.choice(list(k.forms)))
-        effects.append(k.drawn(rng, form if form in k.forms else drawn))
+        effect = k.drawn(rng, form if form in k.forms else drawn)
+        effects.append(effect.placed(body, [c.drive_v for c in conditions] * repeats))
     sizes, reached = [], []
     if effects:
         oracle = Oracle.of(conditions, sound, repeats)

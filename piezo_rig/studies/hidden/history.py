@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
+from piezo_rig.studies.hidden import kernels
 from piezo_rig.studies.hidden.body import Body
 from piezo_rig.studies.hidden.effects import Effect
 
@@ -68,4 +71,46 @@ class CycleAging(Effect):
         return base - self.sign * self.size * np.expm1(-played / self.cycles) * hysteretic
 
 
-HISTORY: dict[str, type[Effect]] = {e.cause: e for e in (CycleAging,)}
+@dataclass(frozen=True, eq=False)
+class Remanence(Effect):
+    """A: every recording begins with a share of the state that each play operator had at the end
+    of the one before. B: a share of the domains has kept its memory whole, the others none of it.
+
+    Size: that share.
+    """
+
+    body: Body | None = None
+    drives: tuple[FloatArray, ...] = ()
+
+    cause: ClassVar[str] = "remanence"
+    forms: ClassVar[tuple[str, ...]] = ("A", "B")
+    start: ClassVar[float] = 0.01
+    most: ClassVar[float] = 0.8
+    clock_locked: ClassVar[bool] = True
+
+    def placed(self, body: Body, drives: Sequence[FloatArray]) -> Self:
+        return replace(self, body=body, drives=tuple(drives))
+
+    def parameters(self, body: Body, seconds: float) -> dict[str, float]:
+        return {"fraction": self.size} if self.form == "A" else {}
+
+    @cached_property
+    def _changes(self) -> list[FloatArray]:
+        assert self.body is not None
+        thresholds, weights = self.body.thresholds, self.body.weights
+        out = []
+        kept = np.zeros(thresholds.size)  # memory of those domains that keep it
+        for drive in self.drives:
+            virgin = kernels.played_on(drive, thresholds, np.zeros(thresholds.size))
+            if self.form == "A":
+                kept *= self.size
+            played = kernels.played_on(drive, thresholds, kept)
+            change = (played - played[0] - virgin + virgin[0]) @ weights
+            out.append(change if self.form == "A" else self.size * change)
+        return out
+
+    def on_recording(self, recording: int) -> FloatArray | None:
+        return self._changes[recording] if self.size else None
+
+
+HISTORY: dict[str, type[Effect]] = {e.cause: e for e in (CycleAging, Remanence)}
