@@ -123,7 +123,7 @@ class Compared:
                     list(range(len(trials), len(trials) + len(form)))
                 )
                 trials += form
-                values = ", ".join(f"{n} {form[0][n]:.3g} {u if u != '1' else ''}".strip()
+                values = ", ".join(f"{n} {form[0][n]:.4g} {u if u != '1' else ''}".strip()
                                    for n, u in kind.units.items())  # fmt: skip
                 self.examples.setdefault(id, values)
         self.base = PLAYS + POWERS
