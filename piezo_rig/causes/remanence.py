@@ -29,7 +29,7 @@ from piezo_rig.causes.cause import Cause, Context, FloatArray
 from piezo_rig.chain.stage import Stage
 
 RECORDINGS = 3  # looked back
-PIECES = 1000  # teeth of the saw that stands for what is left: finer than any element
+PIECES = 400  # teeth of the saw that stands for what is left; more cost time
 GRADED = 1.2
 
 
