@@ -27,7 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from piezo_rig.causes.cause import added_by
-from piezo_rig.chain import Model
+from piezo_rig.chain import Model, half_loops
 from piezo_rig.diagnosis import Diagnosis, diagnose
 from piezo_rig.identification import identify
 from piezo_rig.run_file.sweep import Sweep
@@ -170,8 +170,13 @@ def _on_unseen(case: Case, models: Sequence[Model], baseline: str | Model) -> Ro
 def _rms_nm(sweeps: Iterable[Sweep], model: Model) -> float:
     """Error of a model on recordings, with a free offset for each."""
     square, count = 0.0, 0
+    earlier: list[FloatArray] = []
     for s in sweeps:
-        predicted = model.simulate(s.time_s, s.drive_v, s.history)
+        if model.remembering:
+            predicted = model.simulate(s.time_s, s.drive_v, s.history, earlier=earlier)
+            earlier.append(s.drive_v[np.append(half_loops(s.drive_v).start, s.samples - 1)])
+        else:
+            predicted = model.simulate(s.time_s, s.drive_v, s.history)
         for stage in model.stages:
             if stage.locked_to == "clock" and stage.id not in CLOCK_FIRST:
                 predicted = predicted + added_by(stage, s.time_s, s.drive_v)
