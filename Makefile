@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 RUNS ?= runs
 
-.PHONY: demo test lint types layers check wheel bench-figures docs study study-thesis study-identification study-diagnosis study-kills study-endurance clean help
+.PHONY: demo test lint types layers check wheel bench-figures docs study study-thesis study-identification study-diagnosis study-kills study-endurance study-causes clean help
 
 demo: $(READY)  ## play quick_look on the simulated bench: run, model, figures, ladder, report
 	$(BIN)/piezo-rig run quick_look --out $(RUNS)
@@ -39,7 +39,7 @@ $(READY): pyproject.toml constraints.txt
 	$(BIN)/python -m piezo_rig.warm_up
 	touch $@
 
-study: study-thesis study-identification study-diagnosis study-kills study-endurance  ## everything that docs/ claims, measured again
+study: study-thesis study-identification study-diagnosis study-kills study-endurance study-causes  ## everything that docs/ claims, measured again
 
 study-identification: $(READY)  ## do the bands of an identification hold? docs/identification.md
 	$(BIN)/python -m piezo_rig.studies.identification
@@ -54,6 +54,9 @@ study-diagnosis: $(READY)  ## hidden effects, nulls and strangers, docs/diagnosi
 	$(HIDDEN) run --jobs 2 --kinds $(ONE) --seeds 0:4 --protocols matrix,rates,holds --noises white,1/f --d-prime 40 --out $(ROWS)/effects.jsonl
 	$(HIDDEN) run --jobs 2 --kinds stranger --seeds 0:20 --protocols matrix --noises white,1/f --d-prime 40 --out $(ROWS)/strangers.jsonl
 	$(HIDDEN) document $(ROWS)/nulls.jsonl $(ROWS)/effects.jsonl $(ROWS)/strangers.jsonl --out docs/diagnosis.md
+
+study-causes: $(READY)  ## which cause is taken for which under which protocol, docs/causes.md
+	$(BIN)/python -m piezo_rig.studies.causes
 
 study-thesis: $(READY)  ## plays the thesis on the simulated bench, writes docs/thesis.md
 	$(BIN)/python -m piezo_rig.studies.thesis

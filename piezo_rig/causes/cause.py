@@ -66,6 +66,9 @@ class Cause(Stage):
         first; it has many local optima, or the data say little of it
     needs_speeds : it can be told from the model's own loop only where half loops differ in speed
     needs_first_rise : it can show only where the data hold a first rise from rest
+    needs_known_order : it can be told only where every recording begins virgin, at a known time,
+        and the model has no elements of its own for the first rise
+    needs_fixed_model : a model that is refitted takes it in without a trace
     """
 
     priors: ClassVar[Mapping[str, tuple[float, float]]] = {}
@@ -77,6 +80,8 @@ class Cause(Stage):
     scanned: ClassVar[tuple[str, float]] = ("", 1.0)
     needs_speeds: ClassVar[bool] = False
     needs_first_rise: ClassVar[bool] = False
+    needs_known_order: ClassVar[bool] = False
+    needs_fixed_model: ClassVar[bool] = False
 
     @classmethod
     def trials(cls, context: Context) -> list[Stage]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
@@ -125,6 +125,7 @@ class Model:
         history: str = "virgin",
         free_end: bool = False,
         memo: Memo | None = None,
+        earlier: Sequence[FloatArray] = (),
     ) -> FloatArray:
         """What the sensor would show of a drive.
 
@@ -140,6 +141,8 @@ class Model:
             Sweeps that carry on from each other are simulated as one drive.
         free_end : leave sensor and acquisition stages out
         memo : of this drive with this history
+        earlier : turning points of the drives that were played before a ``virgin`` one, oldest
+            first; they matter to a model with a stage that remembers them
 
         Returns
         -------
@@ -161,7 +164,14 @@ class Model:
             drive = memo.get(self, ("preceded",), lambda: _preceded(given))
             before = drive.size - time.size
             time = np.concatenate([time[0] - LONG_AGO_S * np.arange(before, 0, -1), time])
-        signal = self._play(time, drive, free_end, memo)
+        key: tuple[object, ...] = ()
+        if history == "virgin" and earlier:
+            for stage in self.remembering:
+                volts = np.append(drive[0], stage.preface(earlier))
+                drive = np.concatenate([volts, drive])
+                before, key = before + volts.size, (*key, id(stage))
+            time = np.concatenate([time[0] - LONG_AGO_S * np.arange(before, 0, -1), time])
+        signal = self._play(time, drive, free_end, memo, key)
         displacement = signal.displacement_um[before:]
         # one bad sample makes all that follow it bad: looking at the last is enough
         if not np.isfinite(displacement[-1]):
@@ -184,10 +194,18 @@ class Model:
         time = np.arange(drive.size, dtype=float)
         return still._play(time, drive, True, Memo()).displacement_um[before:]
 
-    def _play(self, time: FloatArray, drive: FloatArray, free_end: bool, memo: Memo) -> Signal:
+    @property
+    def remembering(self) -> list[Stage]:
+        """Stages that know of drives before this one, and can make a virgin model remember them."""
+        own = any(s.has_elements and not isinstance(s, Maxwell) for s in self.stages)
+        return [] if own else [s for s in self.stages if type(s).preface is not Stage.preface]
+
+    def _play(
+        self, time: FloatArray, drive: FloatArray, free_end: bool, memo: Memo,
+        key: tuple[object, ...] = (),
+    ) -> Signal:  # fmt: skip
         signal = Signal(time, drive, np.zeros(0))
         active = [s for s in self.stages if s.locked_to == "drive"]
-        key: tuple[object, ...] = ()
         for stage in active:
             if stage.place == "drive":
                 key = (*key, id(stage))
@@ -224,6 +242,12 @@ def _moved(
         return moved
     ahead = drive - seen
     return moved + (ahead - ahead[0]) / branches.first_slope_v_per_um
+
+
+def first_measured(time_s: FloatArray) -> int:
+    """First sample behind whatever `Model.simulate` has put long before a drive."""
+    before = np.flatnonzero(np.diff(time_s) > 0.5 * LONG_AGO_S)
+    return int(before[-1]) + 1 if before.size else 0
 
 
 def _preceded(drive: FloatArray) -> FloatArray:

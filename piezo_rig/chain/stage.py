@@ -8,7 +8,7 @@ displacement at and after it). Both default to nothing.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar
 
@@ -99,6 +99,13 @@ class Stage:
     def seen_by_sliders(self, signal: Signal, branches: Branches) -> FloatArray:
         """The drive (n,) that the sliders follow; the first spring follows the drive itself."""
         return signal.drive_v
+
+    def preface(self, before: Sequence[FloatArray]) -> FloatArray:
+        """Volts (k,) that leave a virgin actuator with what it remembers of drives before this one.
+
+        ``before`` : turning points of those drives, oldest first
+        """
+        return np.empty(0)
 
     def act(self, signal: Signal) -> Signal:
         """What the stage makes of the signal at its place."""

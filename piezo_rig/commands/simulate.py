@@ -33,6 +33,7 @@ def execute(args: argparse.Namespace) -> int:
     import numpy as np
 
     from piezo_rig.causes.catalogue import load_model
+    from piezo_rig.chain import half_loops
     from piezo_rig.resources import find
 
     model = load_model(find("calibration", args.model))
@@ -43,9 +44,13 @@ def execute(args: argparse.Namespace) -> int:
     if history == "carried" and len(stretches) > 1:
         # nothing is carried into the first of them: it begins as a drive does by default
         plays, begin = [_one_after_another(stretches)], "virgin"
-    rows = []
+    rows: list[np.ndarray] = []
+    earlier: list[np.ndarray] = []
     for time, drive in plays:
-        moved = model.simulate(time, drive, history=begin, free_end=args.free_end)
+        moved = model.simulate(
+            time, drive, history=begin, free_end=args.free_end, earlier=tuple(earlier)
+        )
+        earlier.append(drive[np.append(half_loops(drive).start, drive.size - 1)])
         rows.append(np.column_stack([time, drive, moved]))
     table = np.concatenate(rows)
     table[:, 0] = np.concatenate([time for time, _ in stretches])

@@ -40,6 +40,7 @@ OFF = 2.0  # an effect must be so many times what a law may be off by
 ROUNDS, DETOURS, FEW = 2, 2, 3
 RIVAL = 0.4  # score of a rival, of the member's own
 FAR_OFF, HELPS = 2.0, 0.97  # so many times the noise; held-out error after a step, of that before
+MUCH = 0.8  # the same where a model is held fixed and lacks what the actuator has
 OF_THE_MISFIT = (
     "fits, but predicts data that it has not seen no better, while the model is still far off"
 )
@@ -100,7 +101,7 @@ def climb(
         if not (search.few or search.left_over()) or not search.detour():
             break
     search.faint()
-    return Ladder(first, tuple(search.rungs()), tuple(search.scans))
+    return Ladder(search.first, tuple(search.rungs()), tuple(search.scans))
 
 
 @dataclass(eq=False)
@@ -164,15 +165,20 @@ class _Search:
     def bend(self, here: Fitted, best: float) -> bool:
         """Take a memoryless bend into the base where it says more than any cause does."""
         model = here.point.model
-        if here.point.fixed or model.stage(BEND) is not None:
+        if model.stage(BEND) is not None or (here.point.fixed and self.space.loose):
             return False
         ratio, p = score_powers(self.space, here, self.rng)
         if p > LEVEL or ratio <= best:
             return False
+        if here.point.fixed:  # a given model cannot be bent: it is allowed to be wrong by that
+            self.tell("baseline, allowed a bend")
+            self.space.loose = True
+            self.first, self.steps = refit(self.space, self.first.point), []
+            return True
         self.tell("bend")
         scales = self.space.scales
         bent = model.with_stage(Bend.none(scales.low_v, scales.span_v))
-        fitted = refit(self.space, Point(bent, False, here.point.sizes), held=True)
+        fitted = refit(self.space, Point(bent, (), here.point.sizes), held=True)
         if self.worse(fitted, here) is not None:
             return False
         self.accept(Step(BEND, p, fitted))
@@ -242,7 +248,8 @@ class _Search:
                     f"against {error:.3g} nm)"
                 )
         before = self.error(0, than)
-        if before > FAR_OFF * self.noise_nm and self.error(0, fitted) > HELPS * before:
+        helps = MUCH if self.space.loose else HELPS
+        if before > FAR_OFF * self.noise_nm and self.error(0, fitted) > helps * before:
             return OF_THE_MISFIT
         return None
 

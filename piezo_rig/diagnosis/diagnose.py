@@ -164,6 +164,12 @@ def diagnose(
     if kind != folds:
         gates.append((carries_over, AWAY))
     ladder = climb(space, first, rng, tell, gates, floor or space.noise_nm, others=tried)
+    if space.loose:
+        notes.append(
+            "the baseline has no memoryless bend, but the actuator has one: what the baseline "
+            "gets wrong by that hides whatever is as small; `diagnose --save-model` on the "
+            "recordings it was identified from gives one that has it"
+        )
     tell("held out")
     name = baseline if isinstance(baseline, str) else (baseline.name or "given model")
     rungs, gains = _rungs(
@@ -234,7 +240,7 @@ def _early(cause: str, p: float, parameters: dict[str, Parameter]) -> Finding:
 
 def _baseline(groups: Groups, baseline: str | Model) -> Point:
     if isinstance(baseline, Model):
-        return Point(baseline, fixed=True)
+        return Point(baseline, fixed=tuple(s.id for s in baseline.stages))
     kinds = named_model(baseline)
     model = starting_model(groups, kinds, baseline)
     sizes = []
@@ -244,7 +250,7 @@ def _baseline(groups: Groups, baseline: str | Model) -> Point:
                 continue
             unit = 0.01 if kind.units[name] == "1" else 0.01 / groups.travel_um
             sizes.append((kind.id, name, float(unit)))
-    return Point(model, False, tuple(sizes))
+    return Point(model, (), tuple(sizes))
 
 
 def _bare_space(groups: Groups) -> Space:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+
 from piezo_rig.chain import Parameter
 from piezo_rig.diagnosis.diagnose import Diagnosis, Finding
 from piezo_rig.diagnosis.early.reported import Several
@@ -120,5 +122,10 @@ def text(d: Diagnosis) -> list[str]:
 
 def _number(p: Parameter) -> str:
     unit = "" if p.unit == "1" else f" {p.unit}"
-    interval = f"  [{p.ci95[0]:.4g}, {p.ci95[1]:.4g}]" if p.ci95 else ""
-    return f"{p.value:.4g}{unit}{interval}"
+    if not p.ci95:
+        return f"{p.value:.4g}{unit}"
+    low, high = p.ci95
+    # digits that the interval's width can be read from
+    share = max(abs(low), abs(high)) / max(high - low, 1e-300)
+    digits = int(np.clip(np.ceil(np.log10(max(share, 1.0))) + 2, 4, 9))
+    return f"{p.value:.{digits}g}{unit}  [{low:.{digits}g}, {high:.{digits}g}]"

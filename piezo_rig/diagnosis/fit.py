@@ -31,17 +31,18 @@ class Point:
     Attributes
     ----------
     model : the stages
-    fixed : nothing is free (a given model file); offsets always are
+    fixed : ids of stages that are held, those of a given model file; offsets are always free
     sizes : (stage id, parameter) -> the size of one example, for finite differences
     """
 
     model: Model
-    fixed: bool = False
+    fixed: tuple[str, ...] = ()
     sizes: tuple[tuple[str, str, float], ...] = ()
 
     @property
     def tables(self) -> list[Stage]:
-        return [] if self.fixed else [s for s in self.model.stages if s.elements is not None]
+        stages = [s for s in self.model.stages if s.id not in self.fixed]
+        return [s for s in stages if s.elements is not None]
 
     @property
     def has_first_rise(self) -> bool:
@@ -56,7 +57,7 @@ class Point:
     @property
     def coefficients(self) -> list[tuple[str, str]]:
         """Parameters that are fitted with the compliances: stage and name."""
-        return [] if self.fixed else [(s.id, n) for s in self.model.stages for n in s.linear]
+        return [(s.id, n) for s in self.model.stages if s.id not in self.fixed for n in s.linear]
 
     @property
     def linear(self) -> int:
@@ -134,7 +135,7 @@ class Point:
 
     def tangent(self, group: Group, first: int = 0) -> tuple[FloatArray, FloatArray]:
         """Prediction (n,) and its derivative by the free numbers from ``first`` on, (p, n)."""
-        group.memo.remember(self.model)
+        group.remember(self.model)
         base = group.predicted(self.model)
         near = self.neighbours(first)
         out = np.empty((len(near), base.size))

@@ -23,6 +23,7 @@ from piezo_rig.run_file.sweep import Sweep
 FloatArray = NDArray[np.float64]
 ENOUGH = 40_000  # thinned samples in all
 SAME_DRIVE = 0.01  # rms difference, of the drive's range
+LOOKED_BACK = 3  # recordings
 SLOWEST = 450.0  # samples per second that thinning leaves at least, where there are as many
 
 
@@ -40,6 +41,8 @@ class Group:
     loops : its half loops
     condition : its name
     sweeps : for every recording the indices of its sweeps
+    earlier : share of the recordings, and the turning points of the drives before them, oldest
+        first; empty where the history is not known
     """
 
     time_s: FloatArray
@@ -51,7 +54,9 @@ class Group:
     loops: HalfLoops
     condition: str
     sweeps: tuple[tuple[int, ...], ...]
+    earlier: tuple[tuple[float, tuple[FloatArray, ...]], ...] = ()
     memo: Memo = field(default_factory=Memo, init=False, repr=False)
+    memos: dict[int, Memo] = field(default_factory=dict, init=False, repr=False)
 
     @property
     def repeats(self) -> int:
@@ -62,16 +67,32 @@ class Group:
         return self.history == "virgin"
 
     def predicted(self, model: Model) -> FloatArray:
-        """What the sensor would show, clock-locked stages of the model included; shape (n,)."""
+        """What the sensor would show, clock-locked stages of the model included; shape (n,).
+
+        Recordings that were played after different ones are averaged.
+        """
         return self.memo.whole(model, lambda: self.predicted_once(model))
 
     def predicted_once(self, model: Model) -> FloatArray:
         """`predicted` of a model that nobody asks for again."""
-        moved = model.simulate(self.time_s, self.drive_v, self.history, memo=self.memo)
+        if self.earlier and model.remembering:
+            moved = np.zeros(self.drive_v.size)
+            for k, (share, before) in enumerate(self.earlier):
+                memo = self.memos.setdefault(k, Memo())
+                moved += share * model.simulate(
+                    self.time_s, self.drive_v, self.history, memo=memo, earlier=before
+                )
+        else:
+            moved = model.simulate(self.time_s, self.drive_v, self.history, memo=self.memo)
         for stage in model.stages:
             if stage.locked_to == "clock":
                 moved = moved + added_by(stage, self.time_s, self.drive_v)
         return moved
+
+    def remember(self, model: Model) -> None:
+        """Keep what this model does, for its neighbours."""
+        for memo in (self.memo, *self.memos.values()):
+            memo.remember(model)
 
     def with_measured(self, measured_um: FloatArray) -> Group:
         return replace(self, measured_um=measured_um)
@@ -155,10 +176,46 @@ def group_tracks(data: Data, sweeps: Sequence[Sweep]) -> Groups:
                 break
         else:
             found.append([track])
-    groups = tuple(_group(members, sweeps, data) for members in found)
+    earlier = _earlier(data, sweeps)
+    groups = tuple(
+        replace(_group(members, sweeps, data),
+                earlier=_shares([earlier[t.sweeps] for t in members]) if earlier else ())
+        for members in found
+    )  # fmt: skip
     total = sum(b - a for g in groups for a, b in g.blocks)
     factor = int(np.clip(np.ceil(total / ENOUGH), 1, max(1, rate / SLOWEST)))
     return Groups(groups, rate, factor)
+
+
+def _earlier(
+    data: Data, sweeps: Sequence[Sweep]
+) -> dict[tuple[int, ...], tuple[FloatArray, ...]]:
+    """For every track the turning points of those before it; empty where that is not known.
+
+    It is known where all of them are said to begin virgin, each at a time of its own.
+    """
+    starts = [sweeps[t.sweeps[0]].start_time for t in data.tracks]
+    said = all(sweeps[t.sweeps[0]].history == "virgin" for t in data.tracks)
+    if not said or len(data.tracks) < 3 or len(set(starts)) < len(starts):
+        return {}
+    known: list[FloatArray] = []
+    out = {}
+    for k in np.argsort(starts):
+        track = data.tracks[k]
+        out[track.sweeps] = tuple(known[-LOOKED_BACK:])
+        known.append(track.drive_v[np.append(track.loops.start, track.drive_v.size - 1)])
+    return out
+
+
+def _shares(
+    earlier: Sequence[tuple[FloatArray, ...]],
+) -> tuple[tuple[float, tuple[FloatArray, ...]], ...]:
+    """Recordings that were played after the same drives together."""
+    found: dict[bytes, list[tuple[FloatArray, ...]]] = {}
+    for before in earlier:
+        key = b"|".join(np.round(turns, 1).tobytes() for turns in before)
+        found.setdefault(key, []).append(before)
+    return tuple((len(same) / len(earlier), same[0]) for same in found.values())
 
 
 def _same(a: Track, b: Track, sweeps: Sequence[Sweep]) -> bool:

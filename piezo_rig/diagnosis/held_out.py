@@ -100,7 +100,7 @@ def held_out_errors(
     if kind == "cycles":
         plan.append(([i for i, p in enumerate(pieces) if p.fold == 0],
                      [i for i, p in enumerate(pieces) if p.fold == 1]))  # fmt: skip
-    elif kind == "none" or point.fixed:
+    elif kind == "none" or (point.fixed and not point.values().size):
         every = list(range(len(pieces)))
         plan.append((every, every))
     else:

@@ -72,6 +72,8 @@ def smooth_weight(point: Point, linear: Linear, pieces: Sequence[int] | None = N
 
     The noise that is left sets how softly.
     """
+    if not point.compliances:
+        return 0.0
     raw = (linear.raw if pieces is None else linear.raw[list(pieces)]).sum(axis=0)
     values, n = point.values(), point.linear
     count = linear.count.sum() if pieces is None else linear.count[list(pieces)].sum()
@@ -156,10 +158,12 @@ def refit(space: Space, point: Point, steps: int = STEPS, held: bool = False) ->
     covariance = np.zeros((0, 0))
     q = len(point.sizes)
     for step in range(steps):
-        if point.fixed and q == 0:
+        if point.values().size == 0:
             break
         if q:
-            if step in (0, 2):
+            # a fixed model shows effects far above the noise: what the first, linear look leaves
+            # of them is no mismatch
+            if step in (0, 2) or (step == 1 and point.fixed):
                 scales = _likelihood(point, linear)[0].best_scales(range(-q, 0))
             change, covariance = parameter_step(point, linear, scales, held=held)
             change = _within(point, change)
@@ -182,7 +186,7 @@ def refit(space: Space, point: Point, steps: int = STEPS, held: bool = False) ->
 
 def settle(space: Space, point: Point) -> None:
     """Bring the columns of a space to a model, and what its assumed laws leave open."""
-    space.first_rise = point.has_first_rise
+    space.first_rise, space.held = point.has_first_rise, bool(point.fixed)
     space.prepare(point.model)
     if space.law_of is not point.model:
         space.law, space.law_of = laws_of(space, point.model), point.model

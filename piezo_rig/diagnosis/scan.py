@@ -92,6 +92,20 @@ def candidates(space: Space, model: Model) -> tuple[list[Candidate], dict[str, s
         if kind.needs_first_rise and not space.groups.has_first_rise:
             refused[id] = "no first rise from rest in the data"
             continue
+        if kind.needs_fixed_model and not space.held:
+            refused[id] = (
+                "only against a fixed reference model (--baseline MODEL.json): a model that is "
+                "refitted takes it in without a trace"
+            )
+            continue
+        if kind.needs_known_order and not (
+            all(g.earlier for g in space.groups.groups) and _one_curve(model)
+        ):
+            refused[id] = (
+                "only where every recording is said to begin virgin, at a time of its own, and "
+                "the model has one curve for the first rise and all others"
+            )
+            continue
         if kind.needs_speeds and not _several_speeds(context):
             refused[id] = (
                 "all half loops are about equally fast: a delay, a lag of the drive and a loop "
@@ -103,6 +117,10 @@ def candidates(space: Space, model: Model) -> tuple[list[Candidate], dict[str, s
         if variants:
             found.append(Candidate(id, tuple(tuple(v) for v in variants)))
     return found, refused
+
+
+def _one_curve(model: Model) -> bool:
+    return not any(s.has_elements and s.id != "maxwell" for s in model.stages)
 
 
 def _several_speeds(context: Context) -> bool:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from piezo_rig.chain import Model, Signal
-from piezo_rig.diagnosis import basis, dictionary
+from piezo_rig.diagnosis import basis, dictionary, held
 from piezo_rig.diagnosis.dictionary import Scales
 from piezo_rig.diagnosis.fit import Point
 from piezo_rig.diagnosis.groups import Group, Groups
@@ -122,6 +122,8 @@ class Space:
     whitener: Whitener
     scales: Scales
     first_rise: bool  # whether the model has an own curve for the first rise
+    held: bool = False  # whether the model is held fixed: nothing of it follows the data
+    loose: bool = False  # whether it may all the same be wrong by a bend and a smooth density
     tags: list[str] = field(default_factory=list)
     fixed: list[Fixed] = field(default_factory=list)
     generic: list[Fixed] = field(default_factory=list)
@@ -161,18 +163,19 @@ class Space:
             self._known.pop(old)
             self._bands = {k: v for k, v in self._bands.items() if k[0] != old}
         self.fixed = []
+        every = [_driven(group, model) for group in self.groups.groups]
+        tight = self.held and not self.loose
+        left = held.bends_left(self.groups, every, model, self.scales) if tight else []
         for index, group in enumerate(self.groups.groups):
-            driven = _driven(group, model)
-            plays = dictionary.fine(driven, self.scales, self.first_rise)
-            columns = np.concatenate(
-                [
-                    dictionary.powers(driven, self.scales),
-                    dictionary.smooth(plays, self.scales, self.first_rise),
-                    plays,
-                ]
-            )
-            moved = self._carried(model, group, self.groups.thinned(group, columns))
+            plays = dictionary.fine(every[index], self.scales, self.first_rise)
             fine = plays.shape[0]
+            if tight:
+                columns = np.concatenate([left[index], self.groups.thinned(group, plays)])
+            else:
+                powers = dictionary.powers(every[index], self.scales)
+                smooth = dictionary.smooth(plays, self.scales, self.first_rise)
+                columns = self.groups.thinned(group, np.concatenate([powers, smooth, plays]))
+            moved = self._carried(model, group, columns)
             self.counts = (moved.shape[0] - fine, fine, len(self.tags))
             for piece in self.pieces:
                 if piece.group != index:
@@ -196,7 +199,7 @@ class Space:
         """The key of known columns that are near enough to a model's, else the model's own."""
         stages = [s for s in model.stages if dictionary.carries(s) and s.locked_to == "drive"]
         key = (
-            self.first_rise,
+            (self.first_rise, self.held, self.loose),
             tuple(s.id for s in stages),
             tuple(p.value for s in stages for p in s.parameters.values()),
         )
@@ -301,7 +304,7 @@ class Space:
         self, group: Group, point: Point, trials: Sequence[tuple[Model, Model]]
     ) -> FloatArray:
         """Thinned tangent of all but the bands, trial signatures, residual of one group."""
-        predicted, tangent = point.tangent(group, 0 if point.fixed else point.compliances)
+        predicted, tangent = point.tangent(group, point.compliances)
         rows = [tangent]
         known: dict[int, FloatArray] = {id(point.model): predicted}
         for before, after in trials:
@@ -315,7 +318,7 @@ class Space:
     def bands(self, point: Point) -> list[Bands]:
         """Derivatives by the compliances, piece by piece, as of the model that was prepared."""
         assert self._prepared is not None
-        if point.fixed:
+        if not point.tables:
             return [_no_bands(p.end - p.begin, len(f.white))
                     for p, f in zip(self.pieces, self.fixed, strict=True)]  # fmt: skip
         tables = [s.elements.knots_v.round(9).tobytes() for s in point.tables if s.elements]
@@ -325,9 +328,14 @@ class Space:
         while len(self._bands) >= MOST_BANDS:
             self._bands.pop(next(iter(self._bands)))
         model = _with_tables(self._prepared, point.model)
+        mine = np.concatenate([
+            np.full(len(s.elements), s.id not in point.fixed)
+            for s in model.stages if s.elements is not None
+        ])  # fmt: skip
         out: list[Bands] = []
         for index, group in enumerate(self.groups.groups):
-            thin = self.groups.thinned(group, basis.bands(model, group))
+            free = basis.bands(model, group)[mine]
+            thin = self.groups.thinned(group, free)
             moved = self._carried(model, group, thin)
             for piece in self.pieces:
                 if piece.group != index:

@@ -27,8 +27,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from piezo_rig.causes.cause import added_by
-from piezo_rig.chain import Model
+from piezo_rig.chain import Model, half_loops
 from piezo_rig.diagnosis import Diagnosis, diagnose
+from piezo_rig.identification import identify
 from piezo_rig.run_file.sweep import Sweep
 from piezo_rig.studies.document import number, table
 from piezo_rig.studies.hidden import NOISES, PROTOCOLS, Case, draw
@@ -36,7 +37,8 @@ from piezo_rig.studies.hidden import NOISES, PROTOCOLS, Case, draw
 FloatArray = NDArray[np.float64]
 Row = dict[str, Any]
 CLOCK_FIRST = ("outliers", "mains-hum")  # removed from the recordings before any model
-AGAIN = 1000  # seed of the second session
+AGAIN, BEFORE = 1000, 1001  # seeds of the second session, and of the one before the effect
+FIXED = "fixed:"
 SHARE_FROM = 0.05  # of the error on the unseen drive that the effect must make up to be counted
 
 
@@ -50,7 +52,7 @@ class Spec:
     noise: str
     d_prime: float
     repeats: int = 2
-    baseline: str = "classical"
+    baseline: str = "classical"  # or ``fixed:classical``: identified before the effect came
 
 
 def run_case(spec: Spec) -> Row:
@@ -63,7 +65,8 @@ def run_case(spec: Spec) -> Row:
     row["noise_rms_nm"] = case.noise.rms_nm
     begin = time.perf_counter()
     try:
-        found = diagnose(case.sweeps, spec.baseline)
+        baseline = _baseline(case, spec.baseline)
+        found = diagnose(case.sweeps, baseline)
     except Exception as error:
         row["error"] = f"{type(error).__name__}: {error}"
         row["seconds"] = round(time.perf_counter() - begin, 3)
@@ -71,10 +74,17 @@ def run_case(spec: Spec) -> Row:
     row["seconds"] = round(time.perf_counter() - begin, 3)
     row |= _said(found)
     try:
-        row |= _checked(case, found, spec.baseline)
+        row |= _checked(case, found, baseline)
     except Exception as error:
         row["check_error"] = f"{type(error).__name__}: {error}"
     return row
+
+
+def _baseline(case: Case, name: str) -> str | Model:
+    """A named model, or one that was identified in a session before the effect came."""
+    if not name.startswith(FIXED):
+        return name
+    return identify(case.before(BEFORE), name.removeprefix(FIXED)).model
 
 
 def _said(found: Diagnosis) -> Row:
@@ -112,7 +122,7 @@ def rung_models(found: Diagnosis) -> list[Model] | None:
     return list(models) if models is not None and len(models) == len(found.rungs) else None
 
 
-def _checked(case: Case, found: Diagnosis, baseline: str) -> Row:
+def _checked(case: Case, found: Diagnosis, baseline: str | Model) -> Row:
     """Gains on a second session, and on a drive that was never measured."""
     models = rung_models(found)
     if models is None:
@@ -131,7 +141,7 @@ def _checked(case: Case, found: Diagnosis, baseline: str) -> Row:
     return {"gains_again": gains, "unseen": _on_unseen(case, models, baseline)}
 
 
-def _on_unseen(case: Case, models: Sequence[Model], baseline: str) -> Row | None:
+def _on_unseen(case: Case, models: Sequence[Model], baseline: str | Model) -> Row | None:
     """Errors on a drive that was never measured, nm; None where no effect would show there.
 
     ``possible_nm`` is what is left to somebody who takes the true effects off the recordings
@@ -160,8 +170,13 @@ def _on_unseen(case: Case, models: Sequence[Model], baseline: str) -> Row | None
 def _rms_nm(sweeps: Iterable[Sweep], model: Model) -> float:
     """Error of a model on recordings, with a free offset for each."""
     square, count = 0.0, 0
+    earlier: list[FloatArray] = []
     for s in sweeps:
-        predicted = model.simulate(s.time_s, s.drive_v, s.history)
+        if model.remembering:
+            predicted = model.simulate(s.time_s, s.drive_v, s.history, earlier=earlier)
+            earlier.append(s.drive_v[np.append(half_loops(s.drive_v).start, s.samples - 1)])
+        else:
+            predicted = model.simulate(s.time_s, s.drive_v, s.history)
         for stage in model.stages:
             if stage.locked_to == "clock" and stage.id not in CLOCK_FIRST:
                 predicted = predicted + added_by(stage, s.time_s, s.drive_v)

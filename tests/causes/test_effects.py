@@ -96,7 +96,8 @@ def test_every_example_of_a_cause_changes_what_it_should_and_little():
         for trial in kind.trials(context):
             if trial.locked_to == "clock":
                 continue
-            change = model.with_stage(trial).simulate(time, drive) - plain
+            earlier = (np.array([0.0, 75.0, 0.0]),)
+            change = model.with_stage(trial).simulate(time, drive, earlier=earlier) - plain
             assert 0.0 < np.max(np.abs(change)) < 0.05 * context.travel_um, id
 
 

@@ -27,6 +27,17 @@ def test_every_fault_of_the_simulated_bench_is_documented():
     assert table() in (DOCS / "simulated-bench.md").read_text(), "run: make docs"
 
 
+def test_the_page_of_causes_says_what_their_files_say_and_has_figures_for_each():
+    from piezo_rig.causes import CAUSES
+    from piezo_rig.studies.causes import computed_of, page
+
+    text = (DOCS / "causes.md").read_text()
+    computed = computed_of(text)
+    assert set(computed) == set(CAUSES), "run: make study-causes"
+    assert all(computed.values()), "run: make study-causes"
+    assert text == page(computed), "run: make docs"
+
+
 def test_the_readme_names_every_verb():
     text = (CHECKOUT / "README.md").read_text()
     for verb in VERBS:

@@ -4,8 +4,10 @@ from pathlib import Path
 
 from drivers.simulated import __main__ as faults
 from drivers.simulated.plant import __main__ as plant
+from piezo_rig.studies.causes import computed_of, page
 
-PAGE = Path(__file__).resolve().parents[2] / "docs" / "simulated-bench.md"
+DOCS = Path(__file__).resolve().parents[2] / "docs"
+PAGE, CAUSES = DOCS / "simulated-bench.md", DOCS / "causes.md"
 
 
 def main() -> None:
@@ -16,6 +18,8 @@ def main() -> None:
         after = "".join(rest.partition("\n\n")[1:])
         text = f"{before}{table}{after}"
     PAGE.write_text(text.rstrip() + "\n", encoding="utf-8")
+    computed = computed_of(CAUSES.read_text(encoding="utf-8"))
+    CAUSES.write_text(page(computed), encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -217,6 +217,7 @@ def test_gains_are_checked_on_a_second_session_and_an_unseen_drive(monkeypatch):
 
     class Known:  # knows the body; with or without the effect
         stages = ()
+        remembering = ()
 
         def __init__(self, effects):
             self.effects = effects

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from zlib import crc32
 
@@ -11,8 +11,10 @@ from numpy.typing import NDArray
 
 from piezo_rig.run_file.sweep import Sweep
 from piezo_rig.studies.hidden.body import Body, random_body
+from piezo_rig.studies.hidden.calibration import CALIBRATION
 from piezo_rig.studies.hidden.effects import EFFECTS, Effect
 from piezo_rig.studies.hidden.events import EVENTS
+from piezo_rig.studies.hidden.history import HISTORY
 from piezo_rig.studies.hidden.noise import Noise, noise_of
 from piezo_rig.studies.hidden.oracle import Oracle, base_columns, size_for
 from piezo_rig.studies.hidden.protocols import Condition, conditions_of, unseen_drive
@@ -20,7 +22,7 @@ from piezo_rig.studies.hidden.session import Session
 from piezo_rig.studies.hidden.strangers import STRANGERS
 
 FloatArray = NDArray[np.float64]
-KINDS = ("null", *EFFECTS, *EVENTS, "stranger", *STRANGERS, "pair")
+KINDS = ("null", *EFFECTS, *HISTORY, *CALIBRATION, *EVENTS, "stranger", *STRANGERS, "pair")
 SENSITIVITY = 15.48
 
 
@@ -74,6 +76,11 @@ class Case:
     def again(self, seed: int) -> list[Sweep]:
         """The same conditions recorded anew: fresh noise, phases and events."""
         return _recorded(self, np.random.default_rng([self.seed, 7, seed]))
+
+    def before(self, seed: int) -> list[Sweep]:
+        """The same conditions recorded before the effects came, with noise of their own."""
+        rng = np.random.default_rng([self.seed, 9, seed])
+        return _recorded(replace(self, effects=()), rng)
 
     def unseen(self, seed: int = 0) -> Unseen:
         """A drive never measured, with the drive-locked effects and without."""
@@ -175,7 +182,9 @@ def _recorded(case: Case, rng: np.random.Generator) -> list[Sweep]:
 
 
 def _chosen(kind: str, rng: np.random.Generator) -> list[type[Effect]]:
-    every: dict[str, type[Effect]] = {**EFFECTS, **EVENTS, **STRANGERS}
+    every: dict[str, type[Effect]] = {
+        **EFFECTS, **HISTORY, **CALIBRATION, **EVENTS, **STRANGERS
+    }
     if kind == "null":
         return []
     if kind == "stranger":
@@ -226,7 +235,8 @@ def draw(
     effects = []
     for k in kinds:
         drawn = str(rng.choice(list(k.forms)))
-        effects.append(k.drawn(rng, form if form in k.forms else drawn))
+        effect = k.drawn(rng, form if form in k.forms else drawn)
+        effects.append(effect.placed(body, [c.drive_v for c in conditions] * repeats))
     sizes, reached = [], []
     if effects:
         oracle = Oracle.of(conditions, sound, repeats)

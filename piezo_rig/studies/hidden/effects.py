@@ -7,6 +7,7 @@ and hold only what the form of the effect defines.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import ClassVar, Self
 
@@ -78,6 +79,14 @@ class Effect:
 
     def on_clock(self, clock_s: FloatArray, rng: np.random.Generator) -> FloatArray | None:
         """What the sensor adds at these seconds of the session, um, or None."""
+        return None
+
+    def placed(self, body: Body, drives: Sequence[FloatArray]) -> Self:
+        """With the actuator, and the drives of all recordings in the order of the session."""
+        return self
+
+    def on_recording(self, recording: int) -> FloatArray | None:
+        """What one recording of the session has that another of its condition has not, um."""
         return None
 
     def kept(self, n: int, rng: np.random.Generator) -> NDArray[np.int64] | None:

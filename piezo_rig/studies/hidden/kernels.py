@@ -28,6 +28,19 @@ def play(drive, thresholds, wider):
 
 
 @numba.njit(cache=True)
+def played_on(drive, thresholds, state):
+    """Play operators (n, m) from a state (m,), which is left as it is at the end."""
+    n, m = drive.size, thresholds.size
+    out = np.empty((n, m))
+    for i in range(n):
+        v = drive[i]
+        for j in range(m):
+            state[j] = min(max(state[j], v - thresholds[j]), v + thresholds[j])
+            out[i, j] = state[j]
+    return out
+
+
+@numba.njit(cache=True)
 def played_sum(drive, thresholds, weights, wider):
     """Weighted sum of play operators, shape (n,)."""
     n, m = drive.size, thresholds.size

@@ -42,6 +42,9 @@ class Session:
             more = e.on_clock(clock, self._rng(recording, i))
             if more is not None:
                 out = out + more
+            own = e.on_recording(recording)
+            if own is not None:
+                out = out + own
         return self.recorded(recording, clean_um + out) - clean_um
 
     def recorded(self, recording: int, seen_um: FloatArray) -> FloatArray:

@@ -1,0 +1,94 @@
+"""Cycle ageing: the travel changes with the number of cycles played.
+
+Physics: walls that defects hold at rest are shaken loose by cycling, a few more with every decade
+of cycles, and at rest they are caught again: the ageing and de-ageing of ceramics, both in the
+logarithm of what went before (D. Damjanovic, Rep. Prog. Phys. 61 (1998) 1267, section 6). The
+fatigue that stays begins at a million cycles and is not meant here. What is loose takes part in
+every excursion, so that cycle n travels 1 + rate log10(n) times as far as the first. Two forms:
+the stroke of each cycle is longer (the place where a rise begins stays), or the whole strain
+since rest grows, as the count does.
+
+The count: a cycle is two half loops. A recording that begins virgin begins at one, for the rest
+that clears the memory lets the walls be caught as well; one that carries on counts on. Where the
+history is unknown it begins with the recording.
+
+Shows as: excursions that grow or shrink from cycle to cycle, most between the first and the
+second. Creep moves the middle of the cycles instead, and goes on in holds; a drift goes on at
+rest. The first rise belongs to the first cycle: where nothing but a first cycle and few later
+ones is played it looks like an initiation stage.
+
+Plausible: 0.2-2 % of the travel per decade.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import ClassVar
+
+import numpy as np
+
+from piezo_rig.causes.cause import Cause, Context, FloatArray
+from piezo_rig.chain.half_loops import half_loops
+from piezo_rig.chain.model import first_measured
+from piezo_rig.chain.stage import Signal, Stage
+
+
+class CycleAging(Cause):
+    """``rate_per_decade`` of cycles by which the travel changes.
+
+    ``whole`` : 1 where the whole strain since rest grows with the count, 0 where the stroke of
+    every cycle does
+    """
+
+    id = "cycle-aging"
+    place = "actuator"
+    law: ClassVar[tuple[tuple[str, ...], float]] = (("cycle",), 0.02)
+    units: ClassVar[Mapping[str, str]] = {"rate_per_decade": "1"}
+    optional: ClassVar[Mapping[str, str]] = {"whole": "1"}
+    given: ClassVar[tuple[str, ...]] = ("whole",)
+    limits: ClassVar[Mapping[str, tuple[float, float]]] = {"rate_per_decade": (-0.3, 0.3)}
+
+    def act(self, signal: Signal) -> Signal:
+        if signal.displacement_um.size < 2:
+            return signal
+        aged = self._aged(signal, signal.displacement_um)
+        return signal.with_(displacement_um=signal.displacement_um + aged)
+
+    def carry(self, signal: Signal, changes: FloatArray) -> FloatArray:
+        return np.asarray(changes + self._aged(signal, changes))
+
+    def _aged(self, signal: Signal, x: FloatArray) -> FloatArray:
+        """What ageing adds to displacements (..., n) under the drive of a signal."""
+        begin = first_measured(signal.time_s)
+        drive = signal.drive_v[begin:]
+        out = np.zeros_like(x)
+        if self._whole:
+            out[..., begin:] = np.log10(np.maximum(cycles(drive) + 0.5, 1.0)) * x[..., begin:]
+        else:
+            number = np.floor(cycles(drive)[1:]) + 1.0
+            steps = np.log10(number) * np.diff(x[..., begin:], axis=-1)
+            out[..., begin + 1 :] = np.cumsum(steps, axis=-1)
+        return self["rate_per_decade"] * out
+
+    @property
+    def _whole(self) -> bool:
+        return "whole" in self.parameters and self["whole"] > 0
+
+    @classmethod
+    def variants(cls, context: Context) -> list[list[Stage]]:
+        return [[cls.of(None, rate_per_decade=0.002, whole=w)] for w in (0.0, 1.0)]
+
+
+def cycles(drive_v: FloatArray) -> FloatArray:
+    """Cycles played up to each sample of a drive (n,), two half loops each; shape (n,).
+
+    Within a half loop it grows with the way of the drive. A sample belongs to the half loop that
+    ends in it.
+    """
+    drive = np.ascontiguousarray(drive_v)
+    loops = half_loops(drive)
+    index = np.clip(np.searchsorted(loops.start, np.arange(drive.size), side="left") - 1, 0, None)
+    way = np.abs(drive[loops.stop] - drive[loops.start])
+    here = np.abs(drive - drive[loops.start[index]]) / np.maximum(way, 1e-30)[index]
+    # a sample that ends a cycle still belongs to it
+    return np.asarray(0.5 * (index + np.clip(here, 0.0, 1.0 - 1e-9)), float)

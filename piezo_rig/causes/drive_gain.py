@@ -1,0 +1,41 @@
+"""Drive gain: the amplifier's gain is not the one on its label.
+
+Physics: the drive is gain x command + offset; a gain that was never calibrated, or a supply that
+has aged, makes every excursion of the drive larger or smaller than it is taken to be. The drive
+is multiplied about 0 V. Where it is pivoted (an offset that stays right) does not show: the
+memory begins where the drive begins.
+
+Shows as: turning points and thresholds that lie elsewhere along the drive, so that a larger gain
+runs further into the steep part of every branch. A model that is refitted takes its own
+thresholds along and hides it completely; only a model of the same actuator that is held fixed
+can show it. The displacement grows too, nearly as with a wrong sensitivity; what tells the two
+apart is where, after a turning point, the elements give way.
+
+Plausible: 0.1-5 %; a factor where the amplifier's range was set wrongly.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import ClassVar
+
+from piezo_rig.causes.cause import Cause, Context
+from piezo_rig.chain.stage import Signal, Stage
+
+
+class DriveGain(Cause):
+    """``ratio`` of the true gain to the nominal one."""
+
+    id = "drive-gain"
+    place = "drive"
+    needs_fixed_model = True
+    units: ClassVar[Mapping[str, str]] = {"ratio": "1"}
+    neutral: ClassVar[Mapping[str, float]] = {"ratio": 1.0}
+    limits: ClassVar[Mapping[str, tuple[float, float]]] = {"ratio": (0.2, 5.0)}
+
+    def act(self, signal: Signal) -> Signal:
+        return signal.with_(drive_v=self["ratio"] * signal.drive_v)
+
+    @classmethod
+    def trials(cls, context: Context) -> list[Stage]:
+        return [cls.of(None, ratio=1.002)]

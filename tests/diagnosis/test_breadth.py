@@ -1,0 +1,77 @@
+"""Causes beside the most common ones, hidden on the independent bench: found and named."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from piezo_rig.diagnosis import diagnose
+from piezo_rig.diagnosis.groups import group_tracks
+from piezo_rig.identification import prepare
+from piezo_rig.studies.hidden import draw
+from piezo_rig.studies.hidden.calibration import SensorScale
+
+
+def holds(parameter, true):
+    low, high = parameter.ci95
+    # half as wide again: one interval of 95 % in twenty misses, one so widened in three hundred
+    return abs(true - 0.5 * (low + high)) < 1.5 * 0.5 * (high - low)
+
+
+def test_travel_that_grows_with_the_cycles_played_is_ageing():
+    case = draw("cycle-aging", 1, "rates", "white", d_prime=60.0, form="A")
+    found = diagnose(case.sweeps)
+    (finding,) = found.findings
+    assert finding.cause == "cycle-aging"
+    true = case.truth.parameters["cycle-aging"]["rate_per_decade"]
+    assert holds(finding.parameters["rate_per_decade"], true)
+    for cause in ("drive-gain", "sensor-scale"):
+        assert "only against a fixed reference model" in found.refused[cause]
+
+
+@pytest.fixture(scope="module")
+def calibrated():
+    """A reference model, and a function: gain, scale -> a later session of the same actuator."""
+    case = draw("drive-gain", 3, "rates", "white", form="A")
+    (gain,) = case.effects
+    scale = SensorScale(size=0.01, sign=1.0, form="A")
+    later = {
+        "nothing": replace(case, effects=()),
+        "drive-gain": replace(case, effects=(replace(gain, sign=1.0, size=0.01),)),
+        "sensor-scale": replace(case, effects=(scale,)),
+    }
+    return diagnose(case.before(1)).model, {k: c.again(2) for k, c in later.items()}
+
+
+@pytest.mark.parametrize("cause", ["drive-gain", "sensor-scale"])
+def test_against_a_fixed_model_gain_and_scale_are_told_apart(calibrated, cause):
+    model, sessions = calibrated
+    (finding,) = diagnose(sessions[cause], model).findings
+    assert finding.cause == cause
+    assert finding.alternatives == []
+    assert finding.parameters["ratio"].value == pytest.approx(1.01, abs=3e-4)
+    assert holds(finding.parameters["ratio"], 1.01)
+
+
+def test_another_session_of_the_same_actuator_is_no_finding(calibrated):
+    model, sessions = calibrated
+    found = diagnose(sessions["nothing"], model)
+    assert found.findings == []
+    assert not found.unexplained.detected
+
+
+def test_memory_of_the_recording_before_is_remanence():
+    case = draw("remanence", 2, "rates", "white", d_prime=60.0, form="A")
+    finding = diagnose(case.sweeps).findings[0]
+    assert finding.cause == "remanence"
+    assert holds(finding.parameters["fraction"], case.truth.parameters["remanence"]["fraction"])
+
+
+def test_remanence_is_refused_where_the_history_is_not_known():
+    case = draw("null", 1, "rates", "white", repeats=1)
+    tracks = prepare([s.with_(history="unknown") for s in case.sweeps], first_rises=True)
+    groups = group_tracks(tracks, [s.with_(history="unknown") for s in case.sweeps])
+    assert not any(g.earlier for g in groups.groups)
+    known = group_tracks(prepare(case.sweeps), case.sweeps)
+    assert [len(g.earlier[0][1]) for g in known.groups] == [0, 1, 2, 3, 3, 3, 3]
