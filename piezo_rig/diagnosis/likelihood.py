@@ -166,6 +166,8 @@ class Likelihood:
         best_null = np.full(y.shape[1], -np.inf)
         best = np.full((len(hypotheses), y.shape[1]), -np.inf)
         where = np.zeros(len(hypotheses), int)
+        alone = [h for h, columns in enumerate(hypotheses) if len(columns) == 1]
+        several = [h for h, columns in enumerate(hypotheses) if len(columns) > 1]
         for g, lower in enumerate(self.factor):
             both = solve_triangular(
                 lower,
@@ -176,12 +178,16 @@ class Likelihood:
             w, t = both[:, : y.shape[1]], both[:, y.shape[1] :]
             plain = -0.5 * (np.sum(w * w, axis=0) + self.logdet[g])
             best_null = np.maximum(best_null, plain)
-            for h, columns in enumerate(hypotheses):
-                q = _orthonormal(t[:, list(columns)])
-                value = plain + 0.5 * np.sum((q.T @ w) ** 2, axis=0)
-                if value[0] > best[h, 0]:
-                    where[h] = g
-                best[h] = np.maximum(best[h], value)
+            gained = np.empty_like(best)
+            ones = t[:, [hypotheses[h][0] for h in alone]]
+            size = np.sqrt(np.sum(ones * ones, axis=0))
+            gained[alone] = ((ones / np.where(size > 0, size, 1.0)).T @ w) ** 2
+            for h in several:
+                q = _orthonormal(t[:, list(hypotheses[h])])
+                gained[h] = np.sum((q.T @ w) ** 2, axis=0)
+            value = plain + 0.5 * gained
+            where[value[:, 0] > best[:, 0]] = g
+            best = np.maximum(best, value)
         owner = np.asarray(owners, int)
         causes = int(owner.max()) + 1
         ratio = np.full((causes, y.shape[1]), -np.inf)

@@ -36,7 +36,8 @@ from piezo_rig.studies.hidden import NOISES, PROTOCOLS, Case, draw
 
 FloatArray = NDArray[np.float64]
 Row = dict[str, Any]
-CLOCK_FIRST = ("outliers", "mains-hum", "fringe-jump", "dropped-samples")  # removed from the recordings before any model
+# removed from the recordings before any model
+CLOCK_FIRST = ("outliers", "mains-hum", "fringe-jump", "dropped-samples")
 AGAIN, BEFORE = 1000, 1001  # seeds of the second session, and of the one before the effect
 FIXED = "fixed:"
 SHARE_FROM = 0.05  # of the error on the unseen drive that the effect must make up to be counted
