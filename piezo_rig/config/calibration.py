@@ -24,6 +24,7 @@ class AmplifierCalibration:
     date: str
     path: str
     sha256: str
+    text: str
 
 
 @dataclass(frozen=True)
@@ -37,6 +38,7 @@ class InterferometerCalibration:
     date: str
     path: str
     sha256: str
+    text: str
 
 
 def _document(path: Path) -> tuple[Document, str]:
@@ -59,6 +61,7 @@ def load_amplifier(path: Path) -> AmplifierCalibration:
         date=root.text("date", ""),
         path=str(path),
         sha256=digest,
+        text=document.text,
     )
     root.text("note", "")
     root.finish()
@@ -91,6 +94,7 @@ def load_interferometer(path: Path, table: str) -> InterferometerCalibration:
         date=root.text("date", ""),
         path=str(path),
         sha256=digest,
+        text=document.text,
     )
     root.text("note", "")
     root.finish()

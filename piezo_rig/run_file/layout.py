@@ -82,5 +82,6 @@ class RunHeader:
     git_revision: str
     instruments: tuple[InstrumentRecord, ...] = ()
     monitor: bool = True
-    calibrations: dict[str, str] = field(default_factory=dict)
+    calibrations: dict[str, str] = field(default_factory=dict)  # path -> SHA-256
+    calibration_texts: dict[str, str] = field(default_factory=dict)  # path -> the file itself
     notes: tuple[str, ...] = ()
