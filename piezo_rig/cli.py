@@ -31,6 +31,7 @@ VERBS = {
     "bench": "bench",
     "show": "show",
     "verify": "verify",
+    "doctor": "doctor",
 }
 
 

@@ -1,0 +1,1 @@
+"""Runs the drivers against a run's wire transcript."""
