@@ -32,6 +32,7 @@ VERBS = {
     "show": "show",
     "verify": "verify",
     "doctor": "doctor",
+    "replay": "replay",
 }
 
 

@@ -27,7 +27,9 @@ cycles = 2
 RIG = (shipped_folder("configs") / "simulated_bench.toml").read_text()
 
 
-def played(folder: Path, plant: str = "", protocol: str = PROTOCOL) -> Path:
+def played(
+    folder: Path, plant: str = "", protocol: str = PROTOCOL, tell=lambda text: None
+) -> Path:
     """The run, in ``folder``; ``plant`` is added to the rig's config below ``[plant]``."""
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "rig.toml").write_text(RIG + plant)
@@ -38,4 +40,4 @@ def played(folder: Path, plant: str = "", protocol: str = PROTOCOL) -> Path:
         wired, wire = replace(wired, simulated=False), Wire()
         with open_bench(wired, lambda question: True, wire, clock) as bench:
             plan = build_plan(load_protocol(folder / "short.toml"), wired)
-            return play(plan, bench, folder / "r.h5", wire)
+            return play(plan, bench, folder / "r.h5", wire, tell)

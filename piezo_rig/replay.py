@@ -1,1 +1,0 @@
-"""Runs the drivers against a run's wire transcript."""
