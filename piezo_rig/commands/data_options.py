@@ -10,6 +10,7 @@ if TYPE_CHECKING:
     from piezo_rig.run_file.importers import Imported
     from piezo_rig.run_file.reader import Run
     from piezo_rig.run_file.sweep import Sweep
+    from piezo_rig.run_file.verify import Verdict
 
 _GIVEN = ("gain", "offset", "polarity", "sensitivity", "command", "sensor", "monitor", "time",
           "history")
@@ -140,9 +141,13 @@ def _usable_sweeps(run: Run, shown: str, for_diagnosis: bool) -> list[Sweep]:
     for verdict in found:
         if verdict.fault and not verdict.sweep:
             print(f"warning: {shown}: {verdict.text}")
-    sweeps: list[Sweep] = []
+    by_sweep: dict[str, list[Verdict]] = {}
+    for verdict in found:
+        if verdict.fault:
+            by_sweep.setdefault(verdict.sweep, []).append(verdict)
+    kept: list[str] = []
     for name in names:
-        faults = [v for v in found if v.fault and v.sweep == name]
+        faults = by_sweep.get(name, [])
         if faults and not (for_diagnosis and all(v.cause for v in faults)):
             print(f"warning: {shown}: {name} is left out: {'; '.join(v.text for v in faults)}")
             continue
@@ -150,8 +155,11 @@ def _usable_sweeps(run: Run, shown: str, for_diagnosis: bool) -> list[Sweep]:
             causes = ", ".join(dict.fromkeys(v.cause for v in faults))
             print(f"warning: {shown}: {name}: {'; '.join(v.text for v in faults)}; kept, because "
                   f"diagnosis knows that cause ({causes})")
-        try:
-            sweeps += run.sweeps([name])
-        except InputError as error:
-            print(f"warning: {shown}: {name} is left out: {error.what}")
+        kept.append(name)
+    sweeps: list[Sweep] = []
+    for name, sweep in run.each(kept):
+        if isinstance(sweep, InputError):
+            print(f"warning: {shown}: {name} is left out: {sweep.what}")
+        else:
+            sweeps.append(sweep)
     return sweeps

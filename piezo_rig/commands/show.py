@@ -81,11 +81,10 @@ def _show_sweeps(run: Run) -> tuple[int, int]:
     print()
     print("sweep       condition        rep  history   samples     drive V         travel um")
     widest, wrong = None, 0
-    for name in run.sweep_names:
-        try:
-            (s,) = run.sweeps([name])
-        except InputError as error:
-            print(f"{name}  cannot be read: {error.what.removeprefix(f'{run.path}: {name}: ')}")
+    for name, s in run.each():
+        if isinstance(s, InputError):
+            why = s.what.removeprefix(f"{run.path}: {name}: ")
+            print(f"{_line(name)}  cannot be read: {why}")
             wrong += 1
             continue
         drive, travel = s.drive_v, s.displacement_um

@@ -42,11 +42,11 @@ def _one(path: object) -> int:
     for verdict in found:
         print(verdict.line())
     bad = {v.sweep for v in faults if v.sweep}
+    damaged = {v.sweep for v in faults if v.sweep and not v.cause}
     for name in sweeps:
-        mine = [v for v in faults if v.sweep == name]
-        if not mine:
+        if name not in bad:
             word = "may be used"
-        elif all(v.cause for v in mine):
+        elif name not in damaged:
             word = "may NOT be used, but by diagnose"
         else:
             word = "may NOT be used"

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from piezo_rig.errors import InputError, PiezoRigError
+from piezo_rig.run_file.memory import bounded
 
 # What HDF5 and its Python binding raise on damaged files.
 HDF5_ERRORS = (
@@ -29,6 +30,7 @@ MOST_LINKS = 20_000
 MOST_ATTRIBUTES = 200
 LONGEST_TEXT = 5_000_000  # bytes
 _FLOOR = 64_000_000  # bytes in memory that a file of any size may ask for
+_ROOM = 250_000_000  # bytes that HDF5 and the checks may need besides
 _RATIO = 64  # and what it may ask for per byte on the disk; recorded volts reach about 5
 _SHUFFLE, _GZIP, _FLETCHER = h5py.h5z.FILTER_SHUFFLE, h5py.h5z.FILTER_DEFLATE, (
     h5py.h5z.FILTER_FLETCHER32
@@ -60,7 +62,10 @@ def opened(path: Path) -> Iterator[h5py.File]:
     try:
         if not path.is_file():
             raise OSError(0, "not a regular file")
-        with h5py.File(path, "r", swmr=path.name.endswith(".part.h5")) as f:
+        with (
+            bounded(_ROOM + _RATIO * path.stat().st_size),
+            h5py.File(path, "r", swmr=path.name.endswith(".part.h5")) as f,
+        ):
             yield f
     except PiezoRigError:
         raise

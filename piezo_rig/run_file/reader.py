@@ -110,6 +110,20 @@ class Run:
             wanted = self.sweep_names if names is None else names
             return [read_sweep(entry, name, self.path, budget) for name in wanted]
 
+    def each(self, names: Sequence[str] | None = None) -> Iterator[tuple[str, Sweep | InputError]]:
+        """The sweeps, all or those named, one after the other; an error for what cannot be read."""
+        with self.opened_entry() as entry:
+            budget = Budget(self.path)
+            seen: dict[int, str] = {}
+            for name in self.sweep_names if names is None else names:
+                try:
+                    refuse_alias(entry, name, seen)
+                    yield name, read_sweep(entry, name, self.path, budget)
+                except Damaged as damage:
+                    yield name, _bad_sweep(self.path, name, str(damage))
+                except InputError as error:
+                    yield name, error
+
     def events(self) -> list[dict[str, Any]]:
         """The event log.
 
@@ -171,6 +185,16 @@ def _bad_sweep(path: Path, name: str, what: str, remedy: str = "") -> InputError
         "run-file", f"{path}: {name}: {what}", "the file is damaged",
         remedy or "see 'piezo-rig verify'; take the file from the backup, or record it again",
     )
+
+
+def refuse_alias(entry: h5py.Group, name: str, seen: dict[int, str]) -> h5py.Group:
+    """The group of a sweep; Damaged for one that was ``seen`` under another name."""
+    group = child(entry, name, h5py.Group)
+    if group is None:
+        raise Damaged("is not there")
+    if (other := seen.setdefault(hash(group.id), name)) != name:
+        raise Damaged(f"is {other} under another name")
+    return group
 
 
 def sweep_attributes(group: h5py.Group) -> dict[str, Any]:
@@ -238,7 +262,7 @@ def _sweep(
         raise Damaged(f"holds no {'command_v' if command is None else 'sensor_v'}")
     factor = a["oversampling"]
     for channel, row in found.items():
-        if row is not None and row.size and (np.abs(row) > LARGEST).any():
+        if row is not None and row.size and (np.abs(row.astype(float)) > LARGEST).any():
             raise Damaged(f"{channel} holds values that are no measurement")
     channels: dict[str, NDArray[np.float64] | None] = {}
     for channel in ("sensor_v", "drive_monitor_v"):

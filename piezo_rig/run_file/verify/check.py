@@ -11,7 +11,7 @@ import numpy as np
 from piezo_rig.errors import InputError
 from piezo_rig.run_file.guarded import Budget, Damaged, child, numbers
 from piezo_rig.run_file.layout import PART_SUFFIX, UNITS
-from piezo_rig.run_file.reader import Run, sweep_attributes
+from piezo_rig.run_file.reader import Run, refuse_alias, sweep_attributes
 from piezo_rig.run_file.verify.calibration import Recorded, check_calibration, odd_ones_out
 from piezo_rig.run_file.verify.monitor import Followed, followed, judge
 from piezo_rig.run_file.verify.run_checks import check_run
@@ -44,9 +44,7 @@ def verify(path: Path) -> tuple[list[str], list[Verdict]]:
         budget = Budget(path)
         for name in run.sweep_names:
             try:
-                group = child(entry, name, h5py.Group)
-                if (other := seen.setdefault(hash(group.id), name)) != name:
-                    raise Damaged(f"is {other} under another name")
+                group = refuse_alias(entry, name, seen)
                 a = read[name] = sweep_attributes(group)
                 problems, channels = _channels(group, budget)
             except Damaged as damage:

@@ -20,7 +20,7 @@ _TEXTS = ("protocol_text", "plan_hash", "rig_config", "software_version")
 
 def check_run(run: Run, entry: h5py.Group, read: dict[str, dict[str, Any]]) -> list[Verdict]:
     """Faults and notes of the run as a whole; ``read`` holds its sweeps' attributes."""
-    faults: list[str] = [f"{name}: {why}" for name, why in run.unreadable.items()]
+    faults: list[str] = [why for name, why in run.unreadable.items() if name != "loop"]
     if run.origin not in ORIGINS:
         faults.append(f"origin is {run.origin[:40]!r}, not one of {', '.join(ORIGINS)}")
     faults += _completeness(run)
@@ -97,7 +97,7 @@ def _loop(run: Run, entry: h5py.Group, read: dict[str, dict[str, Any]]) -> list[
         ):
             return [f"the default plot (loop) does not show {name} as it stands in the run"]
     except Damaged as damage:
-        return [f"loop: {damage}"]
+        return [str(damage)]
     except HDF5_ERRORS as error:
         return [f"loop cannot be read: {type(error).__name__}"]
     return []
