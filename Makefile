@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 RUNS ?= runs
 
-.PHONY: demo test lint types layers check wheel bench-figures docs study study-thesis study-identification study-diagnosis clean help
+.PHONY: demo test lint types layers check wheel bench-figures docs study study-thesis study-identification study-diagnosis study-fuzz clean help
 
 demo: $(READY)  ## play quick_look on the simulated bench: run, model, figures, ladder, report
 	$(BIN)/piezo-rig run quick_look --out $(RUNS)
@@ -39,7 +39,7 @@ $(READY): pyproject.toml constraints.txt
 	$(BIN)/python -m piezo_rig.warm_up
 	touch $@
 
-study: study-thesis study-identification study-diagnosis  ## everything that docs/ claims, measured again
+study: study-thesis study-identification study-diagnosis study-fuzz  ## everything that docs/ claims, measured again
 
 study-identification: $(READY)  ## do the bands of an identification hold? docs/identification.md
 	$(BIN)/python -m piezo_rig.studies.identification
@@ -57,6 +57,9 @@ study-diagnosis: $(READY)  ## hidden effects, nulls and strangers, docs/diagnosi
 
 study-thesis: $(READY)  ## plays the thesis on the simulated bench, writes docs/thesis.md
 	$(BIN)/python -m piezo_rig.studies.thesis
+
+study-fuzz: $(READY)  ## a hundred thousand hostile files, docs/hostile-files.md; 40 minutes
+	nice -n 10 $(BIN)/python -m piezo_rig.studies.fuzz --inputs 100000 --folder build/study-fuzz
 
 docs: $(READY)  ## write what the documents take from the program itself
 	$(BIN)/python -m tests.docs.write

@@ -23,7 +23,7 @@ def check_run(run: Run, entry: h5py.Group, read: dict[str, dict[str, Any]]) -> l
     faults: list[str] = [why for name, why in run.unreadable.items() if name != "loop"]
     if run.origin not in ORIGINS:
         faults.append(f"origin is {run.origin[:40]!r}, not one of {', '.join(ORIGINS)}")
-    faults += _completeness(run)
+    faults += _completeness(run, read)
     if run.origin != "IMPORTED":
         faults += [f"{key} is missing" for key in _TEXTS if key not in run.texts]
         faults += Recorded.of(run).problems
@@ -34,9 +34,10 @@ def check_run(run: Run, entry: h5py.Group, read: dict[str, dict[str, Any]]) -> l
     return [Verdict("", True, text) for text in faults]
 
 
-def _completeness(run: Run) -> list[str]:
+def _completeness(run: Run, read: dict[str, dict[str, Any]]) -> list[str]:
+    """As many sweeps as were planned; one that was played again counts once."""
     planned = run.attributes.get("planned_sweeps", len(run.sweep_names))
-    count = len(run.sweep_names)
+    count = sum(not read.get(name, {}).get("superseded_by") for name in run.sweep_names)
     if not run.complete:
         return [f"{count} of {planned} planned sweeps were played"]
     if count != planned:
@@ -67,6 +68,8 @@ def _transcript(run: Run) -> list[str]:
         data = run.wire_transcript()
         last = 0.0
         for record in records(data):
+            if record.direction == "event" and record.data.startswith(b"opened "):
+                last = 0.0  # a session begins, before the bench's clock is known
             if not record.time_s >= last:
                 return [f"wire_transcript: time runs backwards at {record.time_s:g} s"]
             last = record.time_s
