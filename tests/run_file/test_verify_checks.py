@@ -59,7 +59,7 @@ def row(name, change):
 
 
 def shifted(values, count=40, at=300):
-    return np.concatenate([values[:at], values[at + count :], np.repeat(values[-1:], count)])
+    return np.concatenate([values[:at], values[at + count :], values[-count:][::-1]])
 
 
 BREAKS = {
@@ -106,6 +106,17 @@ BREAKS = {
         lambda g: g["drive_monitor_v"].__setitem__(slice(100, 130), 60.0), "drive monitor reads",
     ),
     "monitor scaled": (row("drive_monitor_v", lambda v: 1.05 * v), "drive monitor reads"),
+    "other sensitivity": (row("sensor_v", lambda v: 1.15 * v), "differs from its repeats"),
+    "rolled": (
+        row("sensor_v", lambda v: np.concatenate([v[:1], np.roll(v[1:], 25)])), "its repeats",
+    ),
+    "a piece of another place": (
+        row("sensor_v", lambda v: np.concatenate([v[:200], v[450:550], v[300:]])), "its repeats",
+    ),
+    "a piece filled in": (
+        lambda g: g["sensor_v"].__setitem__(slice(300, 380), 0.5 * float(g["sensor_v"][250])),
+        "stands still for 80 samples from sample 300",
+    ),
     "a group for a row": (
         lambda g: (g.__delitem__("sensor_v"), g.create_group("sensor_v")), "is a group",
     ),

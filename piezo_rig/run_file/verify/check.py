@@ -15,7 +15,7 @@ from piezo_rig.run_file.reader import Run, refuse_alias, sweep_attributes
 from piezo_rig.run_file.verify.calibration import Recorded, check_calibration, odd_ones_out
 from piezo_rig.run_file.verify.monitor import Followed, followed, judge
 from piezo_rig.run_file.verify.run_checks import check_run
-from piezo_rig.run_file.verify.sweep_checks import Channels, check_channels, check_travel
+from piezo_rig.run_file.verify.sweep_checks import Channels, check_channels, check_repeats
 from piezo_rig.run_file.verify.timeline import check_times
 from piezo_rig.run_file.verify.verdict import Verdict
 
@@ -38,7 +38,7 @@ def verify(path: Path) -> tuple[list[str], list[Verdict]]:
     recorded = Recorded.of(run)
     read: dict[str, dict[str, Any]] = {}
     monitors: dict[str, Followed] = {}
-    travels: dict[str, tuple[str, float]] = {}
+    outlines: dict[str, tuple[str, np.ndarray]] = {}
     seen: dict[Any, str] = {}
     with run.opened_entry() as entry:
         budget = Budget(path)
@@ -58,13 +58,15 @@ def verify(path: Path) -> tuple[list[str], list[Verdict]]:
                 elif recorded.monitor_wired and "drive_monitor_v" not in group:
                     problems.append((True, "drive_monitor_v is missing, though it was wired"))
                 if not any(fault for fault, _ in problems):
-                    travels[name] = (f"{a['condition']}|{a['history']}", channels.travel_um(a))
+                    condition = f"{a['condition']}|{a['history']}"
+                    outlines[name] = condition, channels.outline_um(a)
             found += [Verdict(name, fault, text) for fault, text in problems]
         found += check_run(run, entry, read)
     found += odd_ones_out(read)
     found += check_times(run, read)
     found += judge(monitors)
-    found += check_travel(travels)
+    explained = {v.sweep for v in found if v.fault}
+    found += check_repeats({n: o for n, o in outlines.items() if n not in explained})
     order = {name: i for i, name in enumerate(["", *run.sweep_names])}
     return run.sweep_names, sorted(found, key=lambda v: order.get(v.sweep, 0))
 

@@ -15,7 +15,9 @@ Problems = list[tuple[bool, str]]
 
 FLAT_SAMPLES = 8
 MOST_TRAVEL = 2.5  # times what the rig's config allows for
-_REPEATS_FAULT, _REPEATS_NOTE = 0.2, 0.05
+OUTLINE = 2000
+STILL_SAMPLES = 20
+REPEATS_FAULT, REPEATS_NOTE = 0.1, 0.03  # of the travel
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,8 +29,11 @@ class Channels:
     monitor_v: np.ndarray | None
     time_s: np.ndarray | None
 
-    def travel_um(self, a: dict[str, Any]) -> float:
-        return float(np.ptp(self.sensor_v)) * float(a["sensitivity_um_per_v"])
+    def outline_um(self, a: dict[str, Any]) -> np.ndarray:
+        """Displacement from the first sample at `OUTLINE` places of the sweep, or all there are."""
+        at = np.linspace(0, self.sensor_v.size - 1, min(OUTLINE, self.sensor_v.size)).astype(int)
+        volts = self.sensor_v[at] - self.sensor_v[0]
+        return np.asarray(volts * float(a["sensitivity_um_per_v"]) * int(a["polarity"]))
 
 
 def check_channels(a: dict[str, Any], c: Channels, recorded: Recorded, origin: str) -> Problems:
@@ -66,7 +71,7 @@ def check_channels(a: dict[str, Any], c: Channels, recorded: Recorded, origin: s
         return problems
     return (
         _possible(a, c, recorded, origin) + _zero(a, c, origin) + _clock(a, c)
-        + _saturated(a, c) + _moves(a, c, recorded, origin)
+        + _saturated(a, c) + _stands_still(a, c, origin) + _moves(a, c, recorded, origin)
     )
 
 
@@ -130,6 +135,25 @@ def _saturated(a: dict[str, Any], c: Channels) -> Problems:
     return problems
 
 
+def _stands_still(a: dict[str, Any], c: Channels, origin: str) -> Problems:
+    """A sensor of one value for a while, inside its range, while the drive moves: no beam."""
+    drive = float(a["gain"]) * c.command_v + float(a["offset_v"])
+    if origin == "IMPORTED" or np.ptp(drive) == 0 or np.ptp(c.sensor_v) == 0:
+        return []
+    factor = a["oversampling"]
+    extremes = (c.sensor_v.min(), c.sensor_v.max())  # looked at for saturation
+    edges = np.flatnonzero(np.diff(c.sensor_v) != 0) + 1
+    starts, stops = np.append(0, edges), np.append(edges, c.sensor_v.size)
+    for k in np.flatnonzero(stops - starts >= STILL_SAMPLES * factor):
+        begin, end = starts[k] // factor, stops[k] // factor
+        if c.sensor_v[starts[k]] not in extremes and (
+            np.ptp(drive[begin:end]) > 0.02 * np.ptp(drive)
+        ):
+            return [(True, f"sensor_v stands still for {end - begin} samples from sample {begin} "
+                           "on while the drive moves: the beam was lost, or the row was filled in")]
+    return []
+
+
 def _moves(a: dict[str, Any], c: Channels, recorded: Recorded, origin: str) -> Problems:
     """The sensor follows the drive, the right way round, and no further than a stack can go."""
     drive = float(a["gain"]) * c.command_v + float(a["offset_v"])
@@ -171,23 +195,30 @@ def _moves(a: dict[str, Any], c: Channels, recorded: Recorded, origin: str) -> P
     return problems
 
 
-def check_travel(travels: dict[str, tuple[str, float]]) -> list[Verdict]:
-    """Repeats of one condition travel alike; by name: the condition and the travel in um."""
+def check_repeats(outlines: dict[str, tuple[str, np.ndarray]]) -> list[Verdict]:
+    """Three or more repeats of one condition move alike.
+
+    ``outlines`` holds by name the condition and the displacement at some places, um. Spikes do
+    not count: only what differs in more than a hundredth of the sweep.
+    """
     found: list[Verdict] = []
-    by_condition: dict[str, list[str]] = {}
-    for name, (condition, _) in travels.items():
-        by_condition.setdefault(condition, []).append(name)
+    by_condition: dict[tuple[str, int], list[str]] = {}
+    for name, (condition, outline) in outlines.items():
+        by_condition.setdefault((condition, outline.size), []).append(name)
     for same in by_condition.values():
         if len(same) < 3:
             continue
-        usual = float(np.median([travels[n][1] for n in same]))
+        usual = np.median([outlines[n][1] for n in same], axis=0)
+        travel = float(np.ptp(usual))
         for name in same:
-            off = travels[name][1] / usual - 1 if usual > 0 else 0.0
-            if abs(off) > _REPEATS_NOTE:
+            outline = outlines[name][1]
+            off = float(np.quantile(np.abs(outline - usual), 0.99))
+            if off > REPEATS_NOTE * travel:
                 found.append(Verdict(
-                    name, abs(off) > _REPEATS_FAULT,
-                    f"travels {travels[name][1]:.4g} um, its repeats {usual:.4g} um: the "
-                    "sensitivity switch was moved, or the sensor lost count",
+                    name, off > REPEATS_FAULT * travel,
+                    f"differs from its repeats by {off:.3g} um of {travel:.4g} um of travel (it "
+                    f"travels {np.ptp(outline):.4g} um): the sensitivity switch was moved, the "
+                    "sensor lost count, or the row is of another sweep",
                 ))
     return found
 
