@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from piezo_rig.errors import InputError, PiezoRigError
+from piezo_rig.run_file.heaps import refuse_broken_heaps
 from piezo_rig.run_file.memory import bounded
 
 # What HDF5 and its Python binding raise on damaged files.
@@ -61,7 +62,8 @@ def opened(path: Path) -> Iterator[h5py.File]:
     """The file, for reading; every way in which HDF5 fails is an ``InputError`` (run-file)."""
     try:
         if not path.is_file():
-            raise OSError(0, "not a regular file")
+            raise OSError("not a regular file")
+        refuse_broken_heaps(path)
         with (
             bounded(_ROOM + _RATIO * path.stat().st_size),
             h5py.File(path, "r", swmr=path.name.endswith(".part.h5")) as f,
