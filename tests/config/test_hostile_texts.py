@@ -58,7 +58,20 @@ def test_any_damage(seeds, tmp_path, name, number):
     outcome(name, path)
 
 
-BROKE: dict[str, tuple[str, bytes]] = {}
+HEAD = b'schema = "piezo-rig/protocol/1"\n[[condition]]\n'
+TRIANGLE = b'waveform = "triangle"\nlower_v = %s\nupper_v = 10\nfrequency_hz = %s\ncycles = 2\n'
+BROKE = {
+    "a period of ages": ("protocol", HEAD + TRIANGLE % (b"0", b"1e-320")),
+    "a level beyond numbers": ("protocol", HEAD + TRIANGLE % (b"-1e308", b"2")),
+    "a way of ages": (
+        "protocol",
+        HEAD + b'waveform = "turning-points"\npoints_v = [0, 1e308, 0]\nslew_v_per_s = 2\n',
+    ),
+    "a crawl to the start": (
+        "protocol",
+        HEAD.replace(b"[[", b"approach_slew_v_per_s = 1e-310\n[[") + TRIANGLE % (b"1", b"2"),
+    ),
+}
 
 
 @pytest.mark.parametrize("what", list(BROKE))
@@ -66,4 +79,4 @@ def test_what_broke_in_a_campaign(tmp_path, what):
     name, data = BROKE[what]
     path = tmp_path / f"broke{FORMATS[name].suffix}"
     path.write_bytes(data)
-    outcome(name, path)
+    assert outcome(name, path) == name  # the code of the error
