@@ -21,33 +21,40 @@ _SHOWN_BY = {
     "drive-clipping": ("the drive monitor ",),
 }
 """How the lines begin that tell the same from the samples, by code of the flag."""
-_DIAGNOSED = ("drive-clipping",)
+_PLATEAU = ("sensor_v stays ", "sensor_v stands ", "differs from its repeats ")
+"""How the lines begin that a sensor at its stop explains."""
 
 
 def with_flags(
     found: list[Verdict], events: Iterable[dict[str, Any]], names: Iterable[str]
 ) -> list[Verdict]:
-    """What was ``found`` in the samples, and the flags in the run's log of the sweeps ``names``."""
+    """What was ``found`` in the samples, and the flags in the run's log of the sweeps ``names``.
+
+    A flag that leaves its sweep usable (a plateau of the sensor) names a cause that diagnosis
+    knows, and so does drive-clipping: such a sweep is for `diagnose` alone.
+    """
     found, known = list(found), set(names)
     told: set[tuple[str, str]] = set()
     for event in events:
-        code, sweep = str(event.get("code")), str(event.get("sweep"))
+        code, sweep = one_line(str(event.get("code"))), str(event.get("sweep"))
         if event["event"] != "flag" or sweep not in known or (sweep, code) in told:
             continue
         told.add((sweep, code))
-        code = one_line(code)
-        same = next((
+        plateau = code == "sensor-clipping" and event.get("usable") is True
+        same = [
             i for i, v in enumerate(found)
             if v.sweep == sweep and v.fault and v.text.startswith(_SHOWN_BY.get(code, ()))
-        ), None)
-        if same is not None:
-            text = f"{found[same].text} (flagged when it was played: {code})"
-            found[same] = replace(found[same], text=text)
+        ]
+        for i in same:
+            if plateau and found[i].text.startswith(_PLATEAU):
+                found[i] = replace(found[i], cause=code)
+        if same:
+            text = f"{found[same[0]].text} (flagged when it was played: {code})"
+            found[same[0]] = replace(found[same[0]], text=text)
             continue
-        good = event.get("usable") is True
         found.append(Verdict(
-            sweep, not good, f"flagged when it was played: {code}: "
-            f"{one_line(str(event.get('what', '')))}" + ("; it may be used" if good else ""),
-            code if code in _DIAGNOSED and not good else "",
+            sweep, True, f"flagged when it was played: {code}: "
+            f"{one_line(str(event.get('what', '')))}",
+            code if plateau or code == "drive-clipping" else "",
         ))
     return found
