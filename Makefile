@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 RUNS ?= runs
 
-.PHONY: demo test lint types layers check wheel bench-figures docs study study-thesis study-identification study-diagnosis study-kills study-endurance study-causes clean help
+.PHONY: demo test lint types layers check wheel bench-figures docs study study-thesis study-identification study-diagnosis study-kills study-endurance study-causes study-fuzz clean help
 
 demo: $(READY)  ## play quick_look on the simulated bench: run, model, figures, ladder, report
 	$(BIN)/piezo-rig run quick_look --out $(RUNS)
@@ -39,7 +39,7 @@ $(READY): pyproject.toml constraints.txt
 	$(BIN)/python -m piezo_rig.warm_up
 	touch $@
 
-study: study-thesis study-identification study-diagnosis study-kills study-endurance study-causes  ## everything that docs/ claims, measured again
+study: study-thesis study-identification study-diagnosis study-kills study-endurance study-causes study-fuzz  ## everything that docs/ claims, measured again
 
 study-identification: $(READY)  ## do the bands of an identification hold? docs/identification.md
 	$(BIN)/python -m piezo_rig.studies.identification
@@ -67,6 +67,9 @@ study-kills: $(READY)  ## kills the runner 200 times, writes docs/kills.md; 10 m
 
 study-endurance: $(READY)  ## a day of bench time: memory, threads, open files; docs/endurance.md
 	$(BIN)/python -m piezo_rig.studies.endurance
+
+study-fuzz: $(READY)  ## a hundred thousand hostile files, docs/hostile-files.md; 40 minutes
+	nice -n 10 $(BIN)/python -m piezo_rig.studies.fuzz --inputs 100000 --folder build/study-fuzz
 
 docs: $(READY)  ## write what the documents take from the program itself
 	$(BIN)/python -m tests.docs.write

@@ -33,6 +33,8 @@ VERBS = {
     "bench": "bench",
     "show": "show",
     "verify": "verify",
+    "doctor": "doctor",
+    "replay": "replay",
 }
 
 

@@ -75,13 +75,9 @@ class Flag:
     usable: bool = False
 
 
-def _say(text: str) -> None:
-    print(text, flush=True)
-
-
 def watch(
     rig: Rig, drive_v: Array, recorded: Any, log: Callable[..., None], sweep: str,
-    tell: Callable[[str], None] = _say,
+    tell: Callable[[str], None],
 ) -> None:
     """Flag what a stored sweep shows; to be called before the next one is played.
 

@@ -8,7 +8,9 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from piezo_rig.run_file.importers import Imported
+    from piezo_rig.run_file.reader import Run
     from piezo_rig.run_file.sweep import Sweep
+    from piezo_rig.run_file.verify import Verdict
 
 _GIVEN = ("gain", "offset", "polarity", "sensitivity", "command", "sensor", "monitor", "time",
           "history")
@@ -75,10 +77,13 @@ def is_run(path: str) -> bool:
     return path.lower().endswith((".h5", ".hdf5", ".nxs"))
 
 
-def load_data(args: argparse.Namespace) -> tuple[list[Sweep], dict[str, str]]:
+def load_data(
+    args: argparse.Namespace, for_diagnosis: bool = False
+) -> tuple[list[Sweep], dict[str, str]]:
     """All sweeps of DATA, and the SHA-256 of every file, by a name that no other file has.
 
-    Sweeps that ``verify`` finds faulty are left out, and said. Names are made unique by counting
+    Sweeps that ``verify`` finds faulty are left out, and said; ``for_diagnosis`` keeps those whose
+    faults all have a physical cause that diagnosis can name. Names are made unique by counting
     on over all files, in the order given.
 
     Raises
@@ -91,7 +96,7 @@ def load_data(args: argparse.Namespace) -> tuple[list[Sweep], dict[str, str]]:
     from piezo_rig.errors import InputError
     from piezo_rig.run_file.importers import distinct_names
     from piezo_rig.run_file.reader import Run
-    from piezo_rig.run_file.verify import require_run, verify
+    from piezo_rig.run_file.verify import require_run
 
     sweeps: list[Sweep] = []
     hashes: dict[str, str] = {}
@@ -107,19 +112,14 @@ def load_data(args: argparse.Namespace) -> tuple[list[Sweep], dict[str, str]]:
             continue
         run = Run(require_run(path))
         hashes[shown[path]] = run.sha256()
-        names, found = verify(path)
-        faults = {v.sweep: v.text for v in found if v.fault and v.sweep}
-        for faulty, text in faults.items():
-            print(f"warning: {shown[path]}: {faulty} is left out: {text}")
-        good = [n for n in names if n not in faults and n in run.active_names]
-        sweeps += run.sweeps(good) if good else []
+        sweeps += _usable_sweeps(run, shown[path], for_diagnosis)
     for found_sweeps in by_recording.values():
         sweeps += found_sweeps
     for name in recordings:
         hashes[shown[Path(name)]] = hashlib.sha256(Path(name).read_bytes()).hexdigest()
     if not sweeps:
         raise InputError("no-data", f"{', '.join(args.data)}: no sweep that may be used",
-                         "every sweep is faulty", "see 'piezo-rig verify'")
+                         "every sweep is faulty; the reasons are above", "see 'piezo-rig verify'")
     origins = sorted({s.origin for s in sweeps})
     if len(origins) > 1 and not args.mixed_origin:
         raise InputError(
@@ -130,3 +130,36 @@ def load_data(args: argparse.Namespace) -> tuple[list[Sweep], dict[str, str]]:
     if len(args.data) > 1:
         sweeps = [s.with_(name=f"sweep_{i + 1:04d}") for i, s in enumerate(sweeps)]
     return sweeps, hashes
+
+
+def _usable_sweeps(run: Run, shown: str, for_diagnosis: bool) -> list[Sweep]:
+    """The sweeps of one run that may be used; every one that is left out is said, with why."""
+    from piezo_rig.errors import InputError
+    from piezo_rig.run_file.verify import verify
+
+    _, found = verify(run.path)
+    for verdict in found:
+        if verdict.fault and not verdict.sweep:
+            print(f"warning: {shown}: {verdict.text}")
+    by_sweep: dict[str, list[Verdict]] = {}
+    for verdict in found:
+        if verdict.fault:
+            by_sweep.setdefault(verdict.sweep, []).append(verdict)
+    kept: list[str] = []
+    for name in run.active_names:
+        faults = by_sweep.get(name, [])
+        if faults and not (for_diagnosis and all(v.cause for v in faults)):
+            print(f"warning: {shown}: {name} is left out: {'; '.join(v.text for v in faults)}")
+            continue
+        if faults:
+            causes = ", ".join(dict.fromkeys(v.cause for v in faults))
+            print(f"warning: {shown}: {name}: {'; '.join(v.text for v in faults)}; kept, because "
+                  f"diagnosis knows that cause ({causes})")
+        kept.append(name)
+    sweeps: list[Sweep] = []
+    for name, sweep in run.each(kept):
+        if isinstance(sweep, InputError):
+            print(f"warning: {shown}: {name} is left out: {sweep.what}")
+        else:
+            sweeps.append(sweep)
+    return sweeps

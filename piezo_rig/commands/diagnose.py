@@ -55,7 +55,7 @@ def execute(args: argparse.Namespace) -> int:
     baseline = args.baseline
     if baseline not in NAMED_MODELS:
         baseline = load_model(find("calibration", baseline))
-    sweeps, hashes = load_data(args)
+    sweeps, hashes = load_data(args, for_diagnosis=True)
     progress = Progress()
     try:
         found = diagnose(sweeps, baseline, args.seed, progress)

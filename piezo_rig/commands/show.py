@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 import argparse
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from piezo_rig.run_file.reader import Run
 
 HELP = "summarise a run"
 
@@ -15,48 +19,99 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def execute(args: argparse.Namespace) -> int:
     from pathlib import Path
 
-    import numpy as np
-
-    from piezo_rig.report.terminal import draw
+    from piezo_rig.errors import InputError
     from piezo_rig.run_file.reader import Run
     from piezo_rig.run_file.verify import require_run
 
     run = Run(require_run(Path(args.run)))
-    texts = run.texts
-    print(f"run       {run.path}")
-    print(f"title     {texts.get('title', '')}")
-    started = f", started {texts['start_time']}" if "start_time" in texts else ""
-    print(f"origin    {run.origin}{started}, {'complete' if run.complete else 'INCOMPLETE'}")
-    software = f"{texts.get('software_version', '?')} {texts.get('git_revision', '')}"
-    print(f"software  {software.rstrip()}")
-    if run.origin == "IMPORTED":
-        for note in texts.get("notes", "").splitlines():
-            print(f"noted     {note}")
-    else:
-        print(f"plan      {texts.get('plan_hash', '')[:16]}")
-        actuator = run.actuator()
-        print("actuator  " + ", ".join(f"{k} {v}" for k, v in actuator.items() if v != ""))
-        for name, record in run.instruments().items():
-            print(f"{name:<16} {record.get('idn', '')}")
-    sweeps = run.sweeps()
-    print()
-    print("sweep       condition        rep  history   samples     drive V         travel um")
-    for s in sweeps:
-        drive, travel = s.drive_v, s.displacement_um
-        print(f"{s.name}  {s.condition:<16} {s.repeat:>3}  {s.history:<8} {s.samples:>8}  "
-              f"{drive.min():6.2f} .. {drive.max():6.2f}  {np.ptp(travel):9.3f}"
-              + ("" if s.resumed_after_s is None else f"  resumed after {s.resumed_after_s:.0f} s"))
-    for entry in run.entries():
-        if entry.superseded_by:
-            print(f"{entry.name}  superseded by {entry.superseded_by}")
-    if sweeps:
-        widest = max(sweeps, key=lambda s: float(np.ptp(s.drive_v)))
-        print()
-        print(draw(widest.drive_v, widest.displacement_um, width=60, height=14, x_label="V",
-                   y_label=f"displacement of {widest.condition}, um"))
+    _show_head(run)
+    read, wrong = _show_sweeps(run)
     if args.log:
         print()
-        for event in run.events():
-            extra = ", ".join(f"{k} {v}" for k, v in event.items() if k not in ("time_s", "event"))
-            print(f"{event['time_s']:12.3f} s  {event['event']}{': ' + extra if extra else ''}")
+        try:
+            for event in run.events():
+                extra = ", ".join(
+                    f"{k} {v}" for k, v in event.items() if k not in ("time_s", "event")
+                )
+                print(f"{event['time_s']:12.3f} s  {event['event']}{': ' + extra if extra else ''}")
+        except InputError as error:
+            print(f"event log: {error.what}")
+    if wrong and not read:
+        raise InputError(
+            "run-file", f"{run.path}: none of its {wrong} sweeps can be read",
+            "the file is damaged", "see 'piezo-rig verify'; take the file from the backup",
+        )
     return 0
+
+
+def _show_head(run: Run) -> None:
+    """What the run says of itself; what cannot be read is said and passed over."""
+    from piezo_rig.errors import InputError
+
+    texts = run.texts
+    print(f"run       {run.path}")
+    print(f"title     {_line(texts.get('title', ''))}")
+    started = f", started {_line(texts['start_time'])}" if "start_time" in texts else ""
+    print(f"origin    {_line(run.origin)}{started}, {'complete' if run.complete else 'INCOMPLETE'}")
+    software = f"{texts.get('software_version', '?')} {texts.get('git_revision', '')}"
+    print(f"software  {_line(software).rstrip()}")
+    if run.origin == "IMPORTED":
+        for note in texts.get("notes", "").splitlines():
+            print(f"noted     {_line(note)}")
+        return
+    print(f"plan      {_line(texts.get('plan_hash', ''))[:16]}")
+    try:
+        actuator = run.actuator()
+        print("actuator  " + ", ".join(f"{k} {_line(v)}" for k, v in actuator.items() if v != ""))
+        for name, record in run.instruments().items():
+            print(f"{name:<16} {_line(record.get('idn', ''))}")
+    except InputError as error:
+        print(f"instruments: {error.what}")
+    for name, why in run.unreadable.items():
+        print(f"{_line(name)}: {why}")
+
+
+def _show_sweeps(run: Run) -> tuple[int, int]:
+    """A line for every sweep, and the widest loop of those that count.
+
+    Returns how many of these could be read, and how many not.
+    """
+    import numpy as np
+
+    from piezo_rig.errors import InputError
+    from piezo_rig.report.terminal import draw
+
+    print()
+    print("sweep       condition        rep  history   samples     drive V         travel um")
+    widest, wrong = None, 0
+    for name, s in run.each():
+        if isinstance(s, InputError):
+            why = s.what.removeprefix(f"{run.path}: {name}: ")
+            print(f"{_line(name)}  cannot be read: {why}")
+            wrong += 1
+            continue
+        drive, travel = s.drive_v, s.displacement_um
+        finite = np.isfinite(drive) & np.isfinite(travel)
+        span = float(np.ptp(drive[finite])) if finite.any() else 0.0
+        reach = (
+            f"{drive[finite].min():6.2f} .. {drive[finite].max():6.2f}  "
+            f"{np.ptp(travel[finite]):9.3f}" if finite.any() else "  no numbers"
+        )
+        missing = s.samples - int(finite.sum())
+        print(f"{s.name}  {s.condition:<16} {s.repeat:>3}  {s.history:<8} {s.samples:>8}  {reach}"
+              + ("" if s.resumed_after_s is None else f"  resumed after {s.resumed_after_s:.0f} s")
+              + (f"  ({missing} samples missing)" if missing else ""))
+        if finite.sum() > 1 and (widest is None or span > widest[0]):
+            widest = (span, s.condition, drive[finite], travel[finite])
+    for name, by in run.superseded.items():
+        print(f"{_line(name)}  superseded by {_line(by)}")
+    if widest is not None:
+        print()
+        print(draw(widest[2], widest[3], width=60, height=14, x_label="V",
+                   y_label=f"displacement of {widest[1]}, um"))
+    return len(run.active_names) - wrong, wrong
+
+
+def _line(value: object) -> str:
+    """A text of the file as one line that does nothing to a terminal."""
+    return "".join(c if c.isprintable() else "?" for c in str(value)[:500])

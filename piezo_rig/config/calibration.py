@@ -24,19 +24,27 @@ class AmplifierCalibration:
     date: str
     path: str
     sha256: str
+    text: str
 
 
 @dataclass(frozen=True)
 class InterferometerCalibration:
-    """Micrometres per volt at each position of the sensitivity switch."""
+    """Micrometres per volt at each position of the sensitivity switch.
+
+    ``noise_nm`` and ``output_noise_v`` are rms at rest within a second, of the measurement and
+    of the analog output (NaN where the file states none).
+    """
 
     sensitivities_um_per_v: tuple[float, ...]
     table: str
     output_limit_v: float
+    noise_nm: float
+    output_noise_v: float
     serial: str
     date: str
     path: str
     sha256: str
+    text: str
 
 
 def _document(path: Path) -> tuple[Document, str]:
@@ -59,6 +67,7 @@ def load_amplifier(path: Path) -> AmplifierCalibration:
         date=root.text("date", ""),
         path=str(path),
         sha256=digest,
+        text=document.text,
     )
     root.text("note", "")
     root.finish()
@@ -87,10 +96,13 @@ def load_interferometer(path: Path, table: str) -> InterferometerCalibration:
         sensitivities_um_per_v=tables[table],
         table=table,
         output_limit_v=root.number("output_limit_v", 10.0, above=0.0),
+        noise_nm=root.number("noise_nm", float("nan"), low=0.0, high=1e6),
+        output_noise_v=root.number("output_noise_v", float("nan"), low=0.0, high=10.0),
         serial=root.text("serial", ""),
         date=root.text("date", ""),
         path=str(path),
         sha256=digest,
+        text=document.text,
     )
     root.text("note", "")
     root.finish()

@@ -18,6 +18,8 @@ from piezo_rig.protocol.waveforms import Cycles, Hold, Route, Segment
 
 _LISTABLE = ("lower_v", "upper_v", "frequency_hz", "slew_v_per_s", "level_v", "duration_s")
 _WAVEFORMS = ("triangle", "sine", "hold", "blank", "steps", "turning-points", "sequence")
+LARGEST_V = 10_000.0  # of drive; a rig's own limits are far below
+SLOWEST, FASTEST = 1e-6, 1e9  # Hz and V/s
 MAX_CONDITIONS = 10_000
 MAX_SEGMENTS = 10_000
 
@@ -87,7 +89,7 @@ def parse_protocol(document: Document) -> Protocol:
     history = root.text("history", "virgin", choices=("virgin", "carried"))
     order = root.text("order", "listed", choices=("listed", "shuffled"))
     seed = root.integer("shuffle_seed", 1, low=0)
-    approach = root.number("approach_slew_v_per_s", 300.0, above=0.0)
+    approach = root.number("approach_slew_v_per_s", 300.0, low=SLOWEST, high=FASTEST)
     conditions: list[Condition] = []
     for table in root.tables("condition"):
         for row in _rows(table):
@@ -156,18 +158,22 @@ def _simple(table: Table, waveform: str = "") -> Condition:
 Built = tuple[str, tuple[Segment, ...], dict[str, float | str | int | bool]]
 
 
+def _level(table: Table, key: str) -> float:
+    return table.number(key, low=-LARGEST_V, high=LARGEST_V)
+
+
 def _cycles(table: Table, waveform: str) -> Built:
-    lower, upper = table.number("lower_v"), table.number("upper_v")
+    lower, upper = _level(table, "lower_v"), _level(table, "upper_v")
     if upper <= lower:
         raise table.error("upper_v", f"{upper:g} V must be above lower_v, {lower:g} V")
     start = table.text("start", "lower", choices=("lower", "upper"))
     if "slew_v_per_s" in table and waveform == "triangle":
-        slew = table.number("slew_v_per_s", above=0.0)
+        slew = table.number("slew_v_per_s", low=SLOWEST, high=FASTEST)
         frequency = slew / (2.0 * (upper - lower))
         if "frequency_hz" in table:
             raise table.error("slew_v_per_s", "give frequency_hz or slew_v_per_s, not both")
     else:
-        frequency = table.number("frequency_hz", above=0.0, high=1e5)
+        frequency = table.number("frequency_hz", low=SLOWEST, high=1e5)
     cycles = table.integer("cycles", low=1, high=1_000_000)
     first, second = (lower, upper) if start == "lower" else (upper, lower)
     return (
@@ -179,7 +185,7 @@ def _cycles(table: Table, waveform: str) -> Built:
 
 
 def _hold(table: Table, waveform: str) -> Built:
-    level, duration = table.number("level_v"), table.number("duration_s", above=0.0, high=1e5)
+    level, duration = _level(table, "level_v"), table.number("duration_s", above=0.0, high=1e5)
     return (
         f"hold {level:g} V", (Hold(level, duration),),
         {"lower_v": min(0.0, level), "upper_v": max(0.0, level), "hold_s": duration},
@@ -192,7 +198,7 @@ def _blank(table: Table, waveform: str) -> Built:
 
 
 def _steps(table: Table, waveform: str) -> Built:
-    levels = table.numbers("levels_v")
+    levels = table.numbers("levels_v", low=-LARGEST_V, high=LARGEST_V)
     duration = table.number("hold_s", above=0.0, high=1e5)
     return (
         f"steps {levels[0]:g}..{levels[-1]:g}", tuple(Hold(v, duration) for v in levels),
@@ -201,10 +207,10 @@ def _steps(table: Table, waveform: str) -> Built:
 
 
 def _turning_points(table: Table, waveform: str) -> Built:
-    levels = table.numbers("points_v")
+    levels = table.numbers("points_v", low=-LARGEST_V, high=LARGEST_V)
     if len(levels) < 2:
         raise table.error("points_v", "expected at least two turning points")
-    slew = table.number("slew_v_per_s", above=0.0)
+    slew = table.number("slew_v_per_s", low=SLOWEST, high=FASTEST)
     return (
         f"path {levels[0]:g}..{levels[-1]:g}", (Route(tuple(levels), slew),),
         {"lower_v": min(levels), "upper_v": max(levels), "slew_v_per_s": slew},

@@ -87,6 +87,7 @@ class RunHeader:
     git_revision: str
     instruments: tuple[InstrumentRecord, ...] = ()
     monitor: bool = True
-    calibrations: dict[str, str] = field(default_factory=dict)
+    calibrations: dict[str, str] = field(default_factory=dict)  # path -> SHA-256
+    calibration_texts: dict[str, str] = field(default_factory=dict)  # path -> the file itself
     rig_path: str = ""
     notes: tuple[str, ...] = ()

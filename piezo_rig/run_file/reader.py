@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterator
+import math
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,9 +15,24 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from piezo_rig.errors import InputError, PiezoRigError
+from piezo_rig.errors import InputError
+from piezo_rig.run_file.guarded import (
+    HDF5_ERRORS,
+    Budget,
+    Damaged,
+    attributes,
+    child,
+    names,
+    numbers,
+    opened,
+    text,
+)
 from piezo_rig.run_file.layout import DETAIL_PREFIX, REQUIRED_ATTRIBUTES, SCHEMA_VERSION
 from piezo_rig.run_file.sweep import HISTORIES, ORIGINS, Sweep
+
+_BYTES_READ = ("event_log", "wire_transcript")
+SWEEP_PREFIX = "sweep_"
+LARGEST = 1e12  # of volts and micrometres; what is beyond is no measurement
 
 
 @dataclass(frozen=True)
@@ -41,7 +57,9 @@ class Entry:
 class Run:
     """One run file, opened for reading and closed again after every access.
 
-    ``sweep_names`` are all that it holds, ``active_names`` those that no other supersedes.
+    ``sweep_names`` are all that it holds, ``active_names`` those that no other supersedes,
+    ``superseded`` names for each of the others the one that was played in its stead.
+    ``unreadable`` names what stands in the run but cannot be read, with the reason.
 
     Raises
     ------
@@ -50,30 +68,55 @@ class Run:
 
     def __init__(self, path: Path | str) -> None:
         self.path = Path(path)
-        with self._open() as entry:
-            version = int(entry.attrs.get("schema_version", -1))
+        self.unreadable: dict[str, str] = {}
+        with self.opened_entry() as entry:
+            self.attributes = attributes(entry)
+            version = self.attributes.get("schema_version", -1)
+            if isinstance(version, bool) or not isinstance(version, int) or version < 1:
+                raise _not_a_run(self.path)
             if version > SCHEMA_VERSION:
                 raise InputError(
                     "run-newer",
                     f"{self.path}: schema {version}; this program reads up to {SCHEMA_VERSION}",
                     "the run was written by a newer piezo-rig", "update piezo-rig",
                 )
-            if version < 1:
-                raise InputError(
-                    "run-file", f"{self.path}: an HDF5 file, but not a piezo-rig run",
-                    "another program wrote it", "give a run",
-                )
-            self.attributes = {k: _plain(v) for k, v in entry.attrs.items()}
-            self.sweep_names = sorted(n for n in entry if n.startswith("sweep_"))
-            self.active_names = [
-                n for n in self.sweep_names if "superseded_by" not in entry[n].attrs
-            ]
-            self.texts = {
-                k: _plain(v[()]) for k, v in entry.items()
-                if isinstance(v, h5py.Dataset) and v.shape == () and v.dtype.kind in "SO"
-            }
-            clock = entry.get("clock_start")
-            self.clock_start = float(clock[()]) if clock is not None else 0.0
+            listed = names(entry)
+            self.sweep_names = [n for n in listed if n.startswith(SWEEP_PREFIX)]
+            self.superseded = self._superseded(entry)
+            self.active_names = [n for n in self.sweep_names if n not in self.superseded]
+            self.texts = self._texts(entry, listed)
+            self.clock_start = 0.0
+            clock = entry.get("clock_start") if "clock_start" in listed else None
+            if isinstance(clock, h5py.Dataset) and clock.shape == () and clock.dtype.kind in "fiu":
+                self.clock_start = float(clock[()])
+
+    def _superseded(self, entry: h5py.Group) -> dict[str, str]:
+        """By name, what was played in a sweep's stead; only what stands in the run counts."""
+        found: dict[str, str] = {}
+        for name in self.sweep_names:
+            try:
+                group = child(entry, name, h5py.Group)
+                if group is None or "superseded_by" not in group.attrs:
+                    continue  # most of them: their other attributes need not be read here
+                by = str(attributes(group).get("superseded_by", ""))
+            except (*HDF5_ERRORS, Damaged):
+                continue  # said when the sweep is read
+            if by > name and by in self.sweep_names:
+                found[name] = by
+        return found
+
+    def _texts(self, entry: h5py.Group, listed: Sequence[str]) -> dict[str, str]:
+        found: dict[str, str] = {}
+        for name in listed:
+            if name.startswith(SWEEP_PREFIX) or name in (*_BYTES_READ, "clock_start"):
+                continue
+            try:
+                thing = child(entry, name, (h5py.Dataset, h5py.Group))
+                if isinstance(thing, h5py.Dataset) and thing.shape == ():
+                    found[name] = text(entry, name) or ""
+            except Damaged as damage:
+                self.unreadable[name] = str(damage)
+        return found
 
     @property
     def origin(self) -> str:
@@ -92,138 +135,234 @@ class Run:
         return digest.hexdigest()
 
     @contextmanager
-    def _open(self) -> Iterator[h5py.Group]:
-        try:
-            swmr = self.path.name.endswith(".part.h5")
-            with h5py.File(self.path, "r", swmr=swmr) as f:
-                if not isinstance(f.get("entry"), h5py.Group):
-                    raise InputError(
-                        "run-file", f"{self.path}: an HDF5 file, but not a piezo-rig run",
-                        "another program wrote it", "give a run",
-                    )
-                yield f["entry"]
-        except PiezoRigError:
-            raise
-        except (OSError, KeyError, RuntimeError, TypeError, ValueError, AttributeError,
-                MemoryError, OverflowError, IndexError) as error:
-            raise InputError(
-                "run-file", f"{self.path}: cannot be read as a run: {_first_line(error)}",
-                "the file is damaged, unfinished, or not a run",
-                "take it from the backup; a recording of another program goes through "
-                "'piezo-rig import'",
-            ) from None
+    def opened_entry(self) -> Iterator[h5py.Group]:
+        """The open file's ``/entry``; what fails while it is open is an ``InputError``."""
+        with opened(self.path) as f:
+            entry = child(f, "entry", h5py.Group)
+            if entry is None:
+                raise _not_a_run(self.path)
+            yield entry
 
-    def sweeps(self, names: list[str] | None = None) -> list[Sweep]:
+    def sweeps(self, names: Sequence[str] | None = None) -> list[Sweep]:
         """The sweeps, those named or all that are not superseded, with their data.
 
         A sweep that carries the history of one that was played again stands alone: its history
         is unknown to whoever does not look at the other.
         """
-        wanted = self.active_names if names is None else names
-        with self._open() as entry:
-            return [self._linked(_sweep(entry, name, self.path)) for name in wanted]
+        with self.opened_entry() as entry:
+            budget = Budget(self.path)
+            wanted = self.active_names if names is None else names
+            return [self._linked(read_sweep(entry, name, self.path, budget)) for name in wanted]
+
+    def each(self, names: Sequence[str] | None = None) -> Iterator[tuple[str, Sweep | InputError]]:
+        """The same, one after the other; an error for what cannot be read."""
+        with self.opened_entry() as entry:
+            budget = Budget(self.path)
+            seen: dict[int, str] = {}
+            for name in self.active_names if names is None else names:
+                try:
+                    refuse_alias(entry, name, seen)
+                    yield name, self._linked(read_sweep(entry, name, self.path, budget))
+                except Damaged as damage:
+                    yield name, _bad_sweep(self.path, name, str(damage))
+                except InputError as error:
+                    yield name, error
 
     def _linked(self, sweep: Sweep) -> Sweep:
         before = self.sweep_names[: self.sweep_names.index(sweep.name)][-1:]
-        if sweep.history == "carried" and not set(before) <= set(self.active_names):
+        if sweep.history == "carried" and self.superseded.keys() & before:
             return sweep.with_(history="unknown")
         return sweep
 
     def entries(self) -> list[Entry]:
-        """What the run says of every sweep, the superseded ones too."""
-        with self._open() as entry:
-            return [_entry(entry[name]) for name in self.sweep_names]
+        """What the run says of every sweep, the superseded ones too.
+
+        Raises
+        ------
+        InputError : it does not say it of one
+        """
+        with self.opened_entry() as entry:
+            return [_entry(entry, name) for name in self.sweep_names]
 
     def events(self) -> list[dict[str, Any]]:
-        """The event log."""
-        with self._open() as entry:
-            if "event_log" not in entry:  # imported
+        """The event log.
+
+        Raises
+        ------
+        InputError : it is there, but is not a log
+        """
+        with self.opened_entry() as entry:
+            log = numbers(entry, "event_log", Budget(self.path), "u")
+            if log is None:  # imported
                 return []
-            text = entry["event_log"][...].tobytes().decode()
-            return [json.loads(line) for line in text.splitlines()]
+            events = [json.loads(line) for line in log.astype(np.uint8).tobytes().splitlines()]
+            for event in events:
+                if not (
+                    isinstance(event, dict) and isinstance(event.get("event"), str)
+                    and isinstance(event.get("time_s"), int | float)
+                    and math.isfinite(event["time_s"])
+                ):
+                    raise Damaged("event_log holds a line that is no event")
+            return events
+
+    def wire_transcript(self) -> bytes:
+        """Every byte that went over a line, as ``wire`` packed them; empty where none was kept."""
+        with self.opened_entry() as entry:
+            data = numbers(entry, "wire_transcript", Budget(self.path), "u")
+            return b"" if data is None else data.astype(np.uint8).tobytes()
 
     def instruments(self) -> dict[str, dict[str, Any]]:
         """Identity and settings of every instrument."""
-        with self._open() as entry:
-            return {
-                name: {k: _plain(v) for k, v in group.attrs.items()}
-                | {"settings": json.loads(_plain(group["settings"][()]))}
-                for name, group in entry.get("instrument", {}).items()
-            }
+        with self.opened_entry() as entry:
+            group = child(entry, "instrument", h5py.Group)
+            found: dict[str, dict[str, Any]] = {}
+            for name in [] if group is None else names(group):
+                record = child(group, name, h5py.Group)
+                said = attributes(record)
+                settings = json.loads(text(record, "settings") or "{}")
+                if not isinstance(settings, dict):
+                    raise Damaged(f"the settings of {name} are no table")
+                said["settings"] = {k: str(v) for k, v in settings.items()}
+                found[name] = said
+            return found
 
     def actuator(self) -> dict[str, Any]:
-        with self._open() as entry:
-            sample = entry.get("sample")
-            attributes = {} if sample is None else dict(sample.attrs)
-            return {k: _plain(v) for k, v in attributes.items() if k != "NX_class"}
+        with self.opened_entry() as entry:
+            sample = child(entry, "sample", h5py.Group)
+            said = {} if sample is None else attributes(sample)
+            return {k: v for k, v in said.items() if k != "NX_class"}
 
 
-def _plain(value: Any) -> Any:
-    """An HDF5 attribute or scalar as a Python value."""
-    if isinstance(value, bytes):
-        return value.decode()
-    if isinstance(value, np.generic):
-        return _plain(value.item())
-    return value
+def _not_a_run(path: Path) -> InputError:
+    return InputError(
+        "run-file", f"{path}: an HDF5 file, but not a piezo-rig run",
+        "another program wrote it", "give a run",
+    )
 
 
-def _first_line(error: BaseException) -> str:
-    return (str(error).splitlines() or [type(error).__name__])[0][:200]
+def _bad_sweep(path: Path, name: str, what: str, remedy: str = "") -> InputError:
+    return InputError(
+        "run-file", f"{path}: {name}: {what}", "the file is damaged",
+        remedy or "see 'piezo-rig verify'; take the file from the backup, or record it again",
+    )
 
 
-def _entry(group: h5py.Group) -> Entry:
-    a = {k: _plain(v) for k, v in group.attrs.items()}
+def _entry(entry: h5py.Group, name: str) -> Entry:
+    group = child(entry, name, h5py.Group)
+    command = None if group is None else child(group, "command_v", h5py.Dataset)
+    if group is None or command is None:
+        raise Damaged(f"{name} holds no command_v")
+    a = sweep_attributes(group)
     return Entry(
-        name=group.name.rsplit("/", 1)[1], condition=str(a["condition"]), repeat=int(a["repeat"]),
-        end_s=float(a["start_time"]) + group["command_v"].size / float(a["sample_rate"]),
+        name=name, condition=a["condition"], repeat=a["repeat"],
+        end_s=float(a["start_time"]) + command.size / float(a["sample_rate"]),
         stored_at=a.get("stored_at"), superseded_by=str(a.get("superseded_by", "")),
     )
 
 
-def _sweep(entry: h5py.Group, name: str, path: Path) -> Sweep:
-    group = entry[name]
-    a = {k: _plain(v) for k, v in group.attrs.items()}
+def refuse_alias(entry: h5py.Group, name: str, seen: dict[int, str]) -> h5py.Group:
+    """The group of a sweep; Damaged for one that was ``seen`` under another name."""
+    group = child(entry, name, h5py.Group)
+    if group is None:
+        raise Damaged("is not there")
+    if (other := seen.setdefault(hash(group.id), name)) != name:
+        raise Damaged(f"is {other} under another name")
+    return group
+
+
+def sweep_attributes(group: h5py.Group) -> dict[str, Any]:
+    """The attributes of a sweep, each of its type and within what can be.
+
+    Raises
+    ------
+    Damaged : one is missing, or is not what it should be
+    """
+    a = attributes(group)
     missing = [k for k in REQUIRED_ATTRIBUTES if k not in a]
     if missing:
-        raise InputError(
-            "run-file", f"{path}: {name} lacks {', '.join(missing)}",
-            "the file is damaged or was written by another program", "record it again",
-        )
-    if a["origin"] not in ORIGINS or a["history"] not in HISTORIES:
-        raise InputError(
-            "run-file", f"{path}: {name} has origin '{a['origin']}', history '{a['history']}'",
-            "the file is damaged", f"origin is one of {ORIGINS}, history one of {HISTORIES}",
-        )
-    command = np.asarray(group["command_v"][...], dtype=float)
-    factor = int(a.get("oversampling", 1))
+        raise Damaged(f"lacks {', '.join(missing)}")
+    for key, allowed in (("origin", ORIGINS), ("history", HISTORIES)):
+        if a[key] not in allowed:
+            raise Damaged(f"{key} is {str(a[key])[:40]!r}, not one of {', '.join(allowed)}")
+    for key in ("sample_rate", "gain", "offset_v", "sensitivity_um_per_v", "zero_v", "start_time"):
+        if isinstance(a[key], bool | str) or not abs(a[key]) < 1e15:
+            raise Damaged(f"{key} is {str(a[key])[:40]!r}")
+    for key in ("sample_rate", "sensitivity_um_per_v"):
+        if not a[key] > 0:
+            raise Damaged(f"{key} is {a[key]:g}")
+    if a["gain"] == 0:
+        raise Damaged("gain is 0")
+    if a["polarity"] not in (-1, 1):
+        raise Damaged(f"polarity is {str(a['polarity'])[:40]!r}, neither -1 nor 1")
+    a.setdefault("oversampling", 1)
+    for key, most in (("repeat", 1_000_000), ("oversampling", 1000)):
+        if isinstance(a[key], bool | str) or a[key] != int(a[key]) or not 1 <= a[key] <= most:
+            raise Damaged(f"{key} is {str(a[key])[:40]!r}")
+        a[key] = int(a[key])
+    for key in ("stored_at", "resumed_after_s"):
+        if key in a and (isinstance(a[key], bool | str) or not abs(a[key]) < 1e15):
+            raise Damaged(f"{key} is {str(a[key])[:40]!r}")
+    a["condition"] = str(a["condition"])
+    if not a["condition"].isprintable() or len(a["condition"]) > 200:
+        raise Damaged("its condition is not a name")
+    return a
+
+
+def read_sweep(entry: h5py.Group, name: str, path: Path, budget: Budget) -> Sweep:
+    """One sweep of an open run.
+
+    Raises
+    ------
+    InputError : it is missing or damaged
+    """
+    try:
+        group = child(entry, name, h5py.Group)
+        if group is None:
+            raise Damaged("is not there")
+        a = sweep_attributes(group)
+        found = {
+            channel: numbers(group, channel, budget)
+            for channel in ("command_v", "sensor_v", "drive_monitor_v", "time_s")
+        }
+        return _sweep(name, path, a, found)
+    except Damaged as damage:
+        raise _bad_sweep(path, name, str(damage)) from None
+
+
+def _sweep(
+    name: str, path: Path, a: dict[str, Any], found: dict[str, NDArray[Any] | None]
+) -> Sweep:
+    """A sweep of its attributes and raw channels; Damaged where they do not fit together."""
+    command, sensor = found["command_v"], found["sensor_v"]
+    if command is None or sensor is None or command.size < 2:
+        raise Damaged(f"holds no {'command_v' if command is None else 'sensor_v'}")
+    factor = a["oversampling"]
+    for channel, row in found.items():
+        if row is not None and row.size and (np.abs(row.astype(float)) > LARGEST).any():
+            raise Damaged(f"{channel} holds values that are no measurement")
     channels: dict[str, NDArray[np.float64] | None] = {}
     for channel in ("sensor_v", "drive_monitor_v"):
-        data = group.get(channel)
-        if data is None:
-            channels[channel] = None
-            continue
-        volts = decimate(np.asarray(data[...], dtype=float), factor)
-        if volts.shape != command.shape:
-            raise InputError(
-                "run-file", f"{path}: {name}: {channel} has {volts.size} samples, command_v "
-                f"{command.size}", "the file is damaged", "check it with 'piezo-rig verify'",
+        raw = found[channel]
+        if raw is not None and raw.size != command.size * factor:
+            raise Damaged(
+                f"{channel} has {raw.size} samples, command_v {command.size}"
+                + (f", {factor} to one" if factor > 1 else "")
             )
-        channels[channel] = volts
-    sensor = channels["sensor_v"]
-    if sensor is None or sensor.size < 2:
-        raise InputError(
-            "run-file", f"{path}: {name} holds no sensor_v", "the file is damaged",
-            "check it with 'piezo-rig verify'",
-        )
-    times = group.get("time_s")
+        channels[channel] = None if raw is None else decimate(np.asarray(raw, float), factor)
+    times = found["time_s"]
+    if times is not None and times.size != command.size:
+        raise Damaged(f"time_s has {times.size} samples, command_v {command.size}")
+    sensor_v = channels["sensor_v"]
+    assert sensor_v is not None
     return Sweep(
-        name=name, command_v=command, sensor_v=sensor, sample_rate=float(a["sample_rate"]),
+        name=name, command_v=np.asarray(command, float), sensor_v=sensor_v,
+        sample_rate=float(a["sample_rate"]),
         gain=float(a["gain"]), offset_v=float(a["offset_v"]),
         sensitivity_um_per_v=float(a["sensitivity_um_per_v"]), polarity=int(a["polarity"]),
-        zero_v=float(a["zero_v"]), condition=str(a["condition"]), repeat=int(a["repeat"]),
-        history=str(a["history"]), start_time=float(a["start_time"]), origin=str(a["origin"]),
+        zero_v=float(a["zero_v"]), condition=a["condition"], repeat=a["repeat"],
+        history=a["history"], start_time=float(a["start_time"]), origin=a["origin"],
         drive_monitor_v=channels["drive_monitor_v"],
-        sample_times_s=None if times is None else np.asarray(times[...], dtype=float),
+        sample_times_s=None if times is None else np.asarray(times, dtype=float),
         source=str(path),
         resumed_after_s=a.get("resumed_after_s"), superseded_by=str(a.get("superseded_by", "")),
         details={

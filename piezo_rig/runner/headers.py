@@ -32,6 +32,10 @@ def run_header(plan: Plan, bench: Bench, clock_s: float) -> RunHeader:
             rig.amplifier_calibration.path: rig.amplifier_calibration.sha256,
             rig.interferometer_calibration.path: rig.interferometer_calibration.sha256,
         },
+        calibration_texts={
+            rig.amplifier_calibration.path: rig.amplifier_calibration.text,
+            rig.interferometer_calibration.path: rig.interferometer_calibration.text,
+        },
     )
 
 

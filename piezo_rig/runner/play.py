@@ -41,7 +41,7 @@ def new_run_path(folder: Path, name: str, now: datetime | None = None) -> Path:
 
 def play(
     plan: Plan, bench: Bench, path: Path, wire: Wire, tell: Tell = lambda text: None,
-    seam: Seam | None = None,
+    seam: Seam | None = None, quiet: bool = False,
 ) -> Path:
     """Play the sweeps of a plan; returns the run.
 
@@ -52,6 +52,7 @@ def play(
     wire : the observer that the bench's transports were opened with
     tell : takes one line of progress
     seam : what is left to be played of a run that exists
+    quiet : say nothing on the terminal of flags and of the way to rest; for a bench of records
 
     Raises
     ------
@@ -81,14 +82,14 @@ def play(
                        **{k: round(v, 3) for k, v in moved.items()})
             if seam:
                 writer.log(now(), "resumed", **seam.event(now()))
-            session = _Session(plan, bench, writer, tell, stop, shift_s)
+            session = _Session(plan, bench, writer, tell, stop, shift_s, quiet)
             session.play(sweeps)
             return writer.finish()
         except PiezoRigError as error:
-            make_safe(bench, writer, error, now)
+            make_safe(bench, writer, error, now, quiet)
             raise
         except BaseException:
-            make_safe(bench, writer, None, now)
+            make_safe(bench, writer, None, now, quiet)
             raise
 
 
@@ -96,7 +97,8 @@ class _Session:
     """Sweep after sweep, from the first to the rest after the last."""
 
     def __init__(
-        self, plan: Plan, bench: Bench, writer: RunWriter, tell: Tell, stop: Stop, shift_s: float
+        self, plan: Plan, bench: Bench, writer: RunWriter, tell: Tell, stop: Stop, shift_s: float,
+        quiet: bool,
     ) -> None:
         self.plan = plan
         self.bench = bench
@@ -104,6 +106,7 @@ class _Session:
         self.tell = tell
         self.stop = stop
         self.shift_s = shift_s
+        self.quiet = quiet
 
     def play(self, sweeps: tuple[PlannedSweep, ...]) -> None:
         rate, wait_s = self.plan.sample_rate, self.bench.rig.recovery_s
@@ -150,7 +153,15 @@ class _Session:
         )
         self.stop.doing = ""
         watch(self.bench.rig, sweep.wave.drive_v, recorded, partial(self.writer.log, self._now()),
-              sweep.name)
+              sweep.name, _nothing if self.quiet else _flag)
+
+
+def _flag(line: str) -> None:
+    print(line, flush=True)
+
+
+def _nothing(line: str) -> None:
+    """Where nobody is to be told."""
 
 
 def _status(index: int, sweeps: tuple[PlannedSweep, ...], left_s: float) -> str:

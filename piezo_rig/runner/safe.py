@@ -17,14 +17,14 @@ _ATTEMPTS = 2  # a line that broke is opened again by the second
 
 def make_safe(
     bench: Bench, writer: RunWriter | None, error: PiezoRigError | None,
-    now: Callable[[], float],
+    now: Callable[[], float], quiet: bool = False,
 ) -> None:
     """Bring the stack to rest and close the run.
 
     A failure of either does not hide the error that led here; ``error`` is told where the piezo
     is and where the data are.
     """
-    moved = come_to_rest(bench)
+    moved = come_to_rest(bench, quiet)
     if error is not None:
         error.piezo = error.piezo or bench.piezo()
     if writer is None:
@@ -44,18 +44,19 @@ def make_safe(
         error.remedy = (error.remedy + "; " if error.remedy else "") + f"what was recorded: {kept}"
 
 
-def come_to_rest(bench: Bench) -> dict[str, float] | None:
+def come_to_rest(bench: Bench, quiet: bool = False) -> dict[str, float] | None:
     """Rest, and say how long it takes and that it is done; None where that failed."""
+    tell: Callable[[str], None] = (lambda text: None) if quiet else say
     if not bench.touched:
         return None
     for _ in range(_ATTEMPTS):
         with suppress(PiezoRigError):
             if left_s := bench.burst_left_s():
-                say(f"the burst that plays ends at rest, in {left_s:.1f} s\n")
+                tell(f"the burst that plays ends at rest, in {left_s:.1f} s\n")
             elif abs(volts := bench.drive_v()) > REST_V:
-                say(f"the stack is at {volts:.2f} V; the ramp to rest takes "
+                tell(f"the stack is at {volts:.2f} V; the ramp to rest takes "
                     f"{bench.ramp_s(volts):.1f} s\n")
             moved = bench.rest()
-            say(f"done: the stack is at {abs(moved['to_v']):.2f} V, read back\n")
+            tell(f"done: the stack is at {abs(moved['to_v']):.2f} V, read back\n")
             return moved
     return None

@@ -102,13 +102,13 @@ def test_a_figure_of_an_unknown_kind_is_refused(tmp_path, data, capsys):
 def test_data_of_different_origin_are_joined_only_where_meant(
     tmp_path, data, monkeypatch, capsys
 ):
-    from piezo_rig.run_file.reader import Run
+    from piezo_rig.run_file import reader
 
     run = str(tmp_path / "imported.h5")
     assert main(["import", data[0], "--out", run]) == 0
-    read = Run.sweeps
+    read = reader.read_sweep
     monkeypatch.setattr(  # no bench is played for this: the run's sweeps say that they are
-        Run, "sweeps", lambda self, *a: [s.with_(origin="SIMULATED") for s in read(self, *a)]
+        reader, "read_sweep", lambda *a: read(*a).with_(origin="SIMULATED")
     )
     words = ["diagnose", run, data[1], "--json", str(tmp_path / "d.json")]
     assert main(words) == 2

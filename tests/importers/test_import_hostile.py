@@ -220,3 +220,12 @@ def test_a_small_file_takes_little_memory(tmp_path: Path, name: str) -> None:
         assert tracemalloc.get_traced_memory()[1] < 50 * MB
     finally:
         tracemalloc.stop()
+
+
+def test_numbers_near_the_largest_before_a_torn_row(tmp_path: Path) -> None:
+    """Their differences are beyond what a double holds; found by `make study-fuzz`."""
+    path = tmp_path / "torn.lvm"
+    rows = b"".join(b"%d\t%s1%se308\t2\n" % (k, b"-" * (k % 2), b"." + b"0" * k) for k in range(6))
+    path.write_bytes(LVM + b"\nChannels\t2\n***End_of_Header***\nX_Value\tA\tB\n" + rows
+                     + b"6\t1.0e308\t3")
+    outcome(path)

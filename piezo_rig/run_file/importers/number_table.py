@@ -262,8 +262,9 @@ class NumberTable:
             table = np.array([[_plain_number(c) for c in row] for row in [*rows, torn]])
         except ValueError:
             return False
-        steps = np.abs(np.diff(table, axis=0))
-        return bool(np.all(steps[-1] <= 2.0 * steps[:-1].max(axis=0)))
+        with np.errstate(over="ignore", invalid="ignore"):  # numbers near the largest there is
+            steps = np.abs(np.diff(table, axis=0))
+            return bool(np.all(steps[-1] <= 2.0 * steps[:-1].max(axis=0)))
 
 
 def split_cells(line: str, separator: str) -> list[str]:
