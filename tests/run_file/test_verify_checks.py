@@ -106,7 +106,9 @@ BREAKS = {
         lambda g: g["drive_monitor_v"].__setitem__(slice(100, 130), 60.0), "drive monitor reads",
     ),
     "monitor scaled": (row("drive_monitor_v", lambda v: 1.05 * v), "drive monitor reads"),
-    "other sensitivity": (row("sensor_v", lambda v: v[0] + 1.15 * (v - v[0])), "differs from its repeats"),
+    "other sensitivity": (
+        row("sensor_v", lambda v: v[0] + 1.15 * (v - v[0])), "differs from its repeats",
+    ),
     "rolled": (
         row("sensor_v", lambda v: np.concatenate([v[:1], np.roll(v[1:], 25)])), "its repeats",
     ),
