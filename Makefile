@@ -58,7 +58,7 @@ study-diagnosis: $(READY)  ## hidden effects, nulls and strangers, docs/diagnosi
 study-thesis: $(READY)  ## plays the thesis on the simulated bench, writes docs/thesis.md
 	$(BIN)/python -m piezo_rig.studies.thesis
 
-study-fuzz: $(READY)  ## a hundred thousand hostile files, docs/hostile-files.md; 40 minutes
+study-fuzz: $(READY)  ## a hundred thousand hostile files, docs/hostile-files.md; 30 minutes
 	nice -n 10 $(BIN)/python -m piezo_rig.studies.fuzz --inputs 100000 --folder build/study-fuzz
 
 docs: $(READY)  ## write what the documents take from the program itself
