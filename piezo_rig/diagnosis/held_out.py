@@ -24,6 +24,7 @@ FOLDS = 12
 REPEATS = "sweep"  # every recording by a model that has not seen it
 DRAWS = 2000
 FEW, CHUNKS = 6, 10  # fewer recordings than this are cut into chunks for the interval
+LEAST_FALL = 2e-4  # of the squared error; no group is expected to vary less
 SLACK = 0.02  # of the range, by which a drive may leave what others span
 FAR = 3.0  # standard errors that a fold may move a parameter
 
@@ -210,27 +211,47 @@ def refold(point: Point, fitted: Fitted, train: Sequence[int] | None) -> Point:
 def gain(before: Errors, after: Errors, rng: np.random.Generator) -> tuple[float, list[float]]:
     """Relative fall of the rms in percent, with a 95 % interval.
 
-    Repeats are drawn within their group where there are repeats (what a new recording of the
-    same conditions would show), else whatever was held out. The spread counts twice, for the
+    Where there are repeats, the spread is that between them (what a new recording of the same
+    conditions would show), else that between whatever was held out. It counts twice, for the
     recordings that gave the figure and for the new ones that would check it.
     """
     value = 100.0 * (1.0 - after.rms_nm / max(before.rms_nm, 1e-12))
     members = [np.flatnonzero(before.group == g) for g in np.unique(before.group)]
-    repeated = all(m.size > 1 for m in members)
+    if all(m.size > 1 for m in members):
+        half = _between_repeats(before, after, members)
+        return value, [value - half, min(value + half, 100.0)]
     drawn = np.empty(DRAWS)
     for k in range(DRAWS):
-        if repeated:
-            pick = np.concatenate([rng.choice(m, m.size) for m in members])
-        else:
-            pick = np.concatenate(
-                [members[i] for i in rng.integers(len(members), size=len(members))]
-            )
+        pick = np.concatenate([members[i] for i in rng.integers(len(members), size=len(members))])
         ratio = after.square[pick].sum() / max(before.square[pick].sum(), 1e-300)
         drawn[k] = 100.0 * (1.0 - np.sqrt(ratio))
-    inflate = np.sqrt(2.0)
-    freedom = sum(m.size - 1 for m in members) if repeated else len(members) - 1
-    inflate *= stats.t.ppf(0.975, max(freedom, 2)) / stats.norm.ppf(0.975)
-    if repeated:
-        inflate *= np.sqrt(np.mean([m.size / (m.size - 1.0) for m in members]))
+    freedom = max(len(members) - 1, 2)
+    inflate = np.sqrt(2.0) * stats.t.ppf(0.975, freedom) / stats.norm.ppf(0.975)
     low, high = np.percentile(drawn, [2.5, 97.5])
     return value, [value - inflate * (value - low), min(value + inflate * (high - value), 100.0)]
+
+
+def _between_repeats(
+    before: Errors, after: Errors, members: Sequence[NDArray[np.int64]]
+) -> float:
+    """Half width of a gain's interval in percent, from repeats.
+
+    What noise does to the fall of a squared error grows with that fall, because it is twice the
+    product of the noise with what was taken away. A single pair of repeats says little of its own
+    spread; all of them together say how large it is for their fall.
+    """
+    ratio = float(after.square.sum() / max(before.square.sum(), 1e-300))
+    off = after.square - ratio * before.square
+    share = np.array([_fallen(before, after, m) for m in members])
+    freedom = np.array([m.size - 1.0 for m in members])
+    # variance of the sum over a group, of what its fall makes expect
+    found = np.array([m.size * np.var(off[m], ddof=1) for m in members]) / share
+    variance = float(freedom @ found / freedom.sum() * share.sum())
+    of_rms = 50.0 * np.sqrt(2.0 * variance / max(ratio, 1e-300)) / max(before.square.sum(), 1e-300)
+    return float(stats.t.ppf(0.975, max(freedom.sum(), 2.0)) * of_rms)
+
+
+def _fallen(before: Errors, after: Errors, m: NDArray[np.int64]) -> float:
+    """Fall of a group's squared error; what noise does without any is a small share of the rest."""
+    fall = float(np.sum(before.square[m] - after.square[m]))
+    return max(fall, 0.0) + LEAST_FALL * float(np.sum(after.square[m])) + 1e-300
