@@ -65,7 +65,7 @@ study-kills: $(READY)  ## kills the runner 200 times, writes docs/kills.md; 10 m
 study-endurance: $(READY)  ## a day of bench time: memory, threads, open files; docs/endurance.md
 	$(BIN)/python -m piezo_rig.studies.endurance
 
-study-fuzz: $(READY)  ## a hundred thousand hostile files, docs/hostile-files.md; 40 minutes
+study-fuzz: $(READY)  ## a hundred thousand hostile files, docs/hostile-files.md; 30 minutes
 	nice -n 10 $(BIN)/python -m piezo_rig.studies.fuzz --inputs 100000 --folder build/study-fuzz
 
 docs: $(READY)  ## write what the documents take from the program itself

@@ -1,4 +1,4 @@
-"""HDF5 opened with care: nothing in a file leads elsewhere, runs code, or is larger than it looks.
+"""HDF5 read with care: nothing in a file leads elsewhere, runs code, or is larger than it looks.
 
 A run holds hard links, plain numbers, short texts, and the filters shuffle, gzip and fletcher32.
 Whatever else a file holds is refused before it is read: links into other files, virtual and
@@ -9,18 +9,12 @@ written, and compressed pieces that swell beyond their size.
 from __future__ import annotations
 
 import zlib
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import h5py
 import numpy as np
 from numpy.typing import NDArray
-
-from piezo_rig.errors import InputError, PiezoRigError
-from piezo_rig.run_file.heaps import refuse_broken_heaps
-from piezo_rig.run_file.memory import bounded
 
 # What HDF5 and its Python binding raise on damaged files.
 HDF5_ERRORS = (
@@ -31,8 +25,7 @@ MOST_LINKS = 20_000
 MOST_ATTRIBUTES = 200
 LONGEST_TEXT = 5_000_000  # bytes
 _FLOOR = 64_000_000  # bytes in memory that a file of any size may ask for
-_ROOM = 250_000_000  # bytes that HDF5 and the checks may need besides
-_RATIO = 64  # and what it may ask for per byte on the disk; recorded volts reach about 5
+RATIO = 64  # and what it may ask for per byte on the disk; recorded volts reach about 5
 _SHUFFLE, _GZIP, _FLETCHER = h5py.h5z.FILTER_SHUFFLE, h5py.h5z.FILTER_DEFLATE, (
     h5py.h5z.FILTER_FLETCHER32
 )  # fmt: skip
@@ -48,36 +41,13 @@ class Budget:
 
     def __init__(self, path: Path) -> None:
         self.file_bytes = path.stat().st_size
-        self._left = max(_FLOOR, _RATIO * self.file_bytes)
+        self._left = max(_FLOOR, RATIO * self.file_bytes)
 
     def take(self, count: int) -> None:
         """Count values (8 bytes each) against the budget; Damaged when it is spent."""
         self._left -= 8 * count
         if self._left < 0:
             raise Damaged("asks for far more memory than a file of its size can fill")
-
-
-@contextmanager
-def opened(path: Path) -> Iterator[h5py.File]:
-    """The file, for reading; every way in which HDF5 fails is an ``InputError`` (run-file)."""
-    try:
-        if not path.is_file():
-            raise OSError("not a regular file")
-        refuse_broken_heaps(path)
-        with (
-            bounded(_ROOM + _RATIO * path.stat().st_size),
-            h5py.File(path, "r", swmr=path.name.endswith(".part.h5")) as f,
-        ):
-            yield f
-    except PiezoRigError:
-        raise
-    except (*HDF5_ERRORS, Damaged) as error:
-        raise InputError(
-            "run-file", f"{path}: cannot be read as a run: {first_line(error)}",
-            "the file is damaged, unfinished, or not a run",
-            "take it from the backup; a recording of another program goes through "
-            "'piezo-rig import'",
-        ) from None
 
 
 def first_line(error: BaseException) -> str:

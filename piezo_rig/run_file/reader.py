@@ -24,10 +24,10 @@ from piezo_rig.run_file.guarded import (
     child,
     names,
     numbers,
-    opened,
     text,
 )
 from piezo_rig.run_file.layout import DETAIL_PREFIX, REQUIRED_ATTRIBUTES, SCHEMA_VERSION
+from piezo_rig.run_file.opening import opened
 from piezo_rig.run_file.sweep import HISTORIES, ORIGINS, Sweep
 
 _BYTES_READ = ("event_log", "wire_transcript")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gzip
 import subprocess
 import sys
 import warnings
@@ -51,6 +52,27 @@ def test_identify_of_a_hostile_run_is_one_error(folder, tmp_path, capfd):
     assert main(["identify", str(path), "--model", "classical",
                  "--out", str(tmp_path / "m.json")]) == 2
     assert capfd.readouterr().err.startswith("error[no-data]: ")
+
+
+BROKE = sorted((Path(__file__).parent / "broke").glob("*.h5.gz"))
+
+
+@pytest.mark.parametrize("packed", BROKE, ids=lambda path: path.name.removesuffix(".h5.gz"))
+def test_what_broke_in_a_campaign(packed, tmp_path, capfd):
+    """Files on which HDF5 2.0 crashed or never came back."""
+    path = tmp_path / "broke.h5"
+    path.write_bytes(gzip.decompress(packed.read_bytes()))
+    assert main(["verify", str(path)]) == 2
+    assert capfd.readouterr().err.startswith("error[run-file]: ")
+
+
+def test_a_file_is_tried_again_when_it_has_changed(tmp_path):
+    path = tmp_path / "r.h5"
+    write_plain(path)
+    assert Run(path).sweep_names == ["sweep_0001"]
+    path.write_bytes(gzip.decompress(BROKE[0].read_bytes()))
+    with pytest.raises(PiezoRigError):
+        verify(path)
 
 
 MEASURE = """

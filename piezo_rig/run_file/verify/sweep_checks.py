@@ -29,6 +29,15 @@ class Channels:
     monitor_v: np.ndarray | None
     time_s: np.ndarray | None
 
+    def drive_got(self, a: dict[str, Any]) -> np.ndarray:
+        """Volts that the stack got, where they were measured, else those that were asked for.
+
+        An amplifier that cannot follow is not the sensor's fault.
+        """
+        if self.monitor_v is not None:
+            return decimate(self.monitor_v, a["oversampling"])
+        return float(a["gain"]) * self.command_v + float(a["offset_v"])
+
     def outline_um(self, a: dict[str, Any]) -> np.ndarray:
         """Displacement from the first sample at `OUTLINE` places of the sweep, or all there are."""
         at = np.linspace(0, self.sensor_v.size - 1, min(OUTLINE, self.sensor_v.size)).astype(int)
@@ -123,7 +132,7 @@ def _clock(a: dict[str, Any], c: Channels) -> Problems:
 def _saturated(a: dict[str, Any], c: Channels) -> Problems:
     problems: Problems = []
     factor = a["oversampling"]
-    drive = float(a["gain"]) * c.command_v + float(a["offset_v"])
+    drive = c.drive_got(a)
     if np.ptp(c.sensor_v) == 0 or np.ptp(drive) == 0:
         return []
     for word, values in (("largest", c.sensor_v), ("smallest", -c.sensor_v)):
@@ -137,7 +146,7 @@ def _saturated(a: dict[str, Any], c: Channels) -> Problems:
 
 def _stands_still(a: dict[str, Any], c: Channels, origin: str) -> Problems:
     """A sensor of one value for a while, inside its range, while the drive moves: no beam."""
-    drive = float(a["gain"]) * c.command_v + float(a["offset_v"])
+    drive = c.drive_got(a)
     if origin == "IMPORTED" or np.ptp(drive) == 0 or np.ptp(c.sensor_v) == 0:
         return []
     factor = a["oversampling"]
@@ -169,8 +178,7 @@ def _moves(a: dict[str, Any], c: Channels, recorded: Recorded, origin: str) -> P
     sensor = decimate(c.sensor_v, a["oversampling"])
     if np.ptp(sensor) == 0:
         return [*problems, (True, "sensor_v is one value throughout while the drive moves")]
-    # What the stack got, where that was measured: an amplifier that cannot follow is no fault here.
-    got = drive if c.monitor_v is None else decimate(c.monitor_v, a["oversampling"])
+    got = c.drive_got(a)
     if np.ptp(got) < 1.0:
         return problems
     moved = int(a["polarity"]) * (sensor - sensor[0]) * float(a["sensitivity_um_per_v"])
