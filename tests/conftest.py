@@ -10,7 +10,7 @@ from hypothesis import settings
 
 import piezo_rig  # noqa: F401  before numpy: it keeps BLAS to one thread
 
-settings.register_profile("same", derandomize=True)
+settings.register_profile("same", derandomize=True, deadline=None)  # kernels compile at first use
 settings.load_profile("same")  # the same examples every time; `--hypothesis-profile` for others
 
 CHECKOUT = Path(__file__).resolve().parent.parent

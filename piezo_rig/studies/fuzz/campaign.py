@@ -52,7 +52,11 @@ def _cpu_s() -> float:
 
 
 def memory_mb() -> float:
-    """The most memory that this process has had."""
+    """The most memory that this process has had; ``ru_maxrss`` would count its parent's too."""
+    status = Path("/proc/self/status")
+    if status.exists():
+        lines = status.read_text(encoding="ascii").splitlines()
+        return next(float(line.split()[1]) for line in lines if line.startswith("VmHWM")) / 1000
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1000
 
 
