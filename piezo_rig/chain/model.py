@@ -38,7 +38,7 @@ class Memo:
         if id(model) not in self._whole:
             while len(self._whole) >= KEPT:
                 self._whole.pop(next(iter(self._whole)))
-            made = make()
+            made = make().view()  # what it is made from stays as it is: stages compile by flags
             made.flags.writeable = False
             self._whole[id(model)] = (model, made)  # held, so that its id stays its own
         return self._whole[id(model)][1]

@@ -37,6 +37,39 @@ def test_a_skewed_record_shows_what_was_there_a_delay_ago():
     assert x[100:] == pytest.approx(5.0 * (TIME[100:] - 1.5e-3), abs=1e-12)
 
 
+def widened(drive, compliance, thresholds, weights, wider):
+    """A spring and play operators whose thresholds all grow by ``wider`` (n,), sample by sample."""
+    out, state = np.empty(drive.size), np.zeros(thresholds.size)
+    for i, v in enumerate(drive):
+        r = thresholds + wider[i]
+        state = np.minimum(np.maximum(state, v - r), v + r)
+        out[i] = compliance * v + weights @ state
+    return out
+
+
+def test_thresholds_that_widen_with_speed_are_those_of_the_operators_themselves():
+    time = np.arange(0.0, 1.0, 1e-3)
+    drive = np.interp(time, [0.0, 0.3, 0.5, 0.6, 1.0], [0.0, 60.0, 10.0, 50.0, 0.0])
+    knots, c = np.array([4.0, 12.0, 30.0, 80.0]), np.array([0.08, 0.1, 0.12, 0.15])
+    model = Model((Maxwell.of(Elements.from_curve(knots, c)),))
+    lag, exponent, window = 0.05, 0.7, 2e-3
+    stage = CAUSES["rate-dependence"].of(
+        None, lag_um=lag, exponent=exponent, window_s=window, widens=1.0
+    )
+    slow = drive.copy()
+    decay = np.exp(-1e-3 / window)
+    for i in range(1, drive.size):
+        fall = (drive[i] - drive[i - 1]) / 1e-3 * window
+        slow[i] = drive[i] - fall + (slow[i - 1] - drive[i - 1] + fall) * decay
+    # volts that make the lag at the mean compliance of what slides: 0.1 and 0.12 um/V on the
+    # later branches' 16 and 36 V
+    volts = lag / ((0.1 * 16.0 + 0.12 * 36.0) / 52.0)
+    wider = volts * np.abs((drive - slow) / window / 300.0) ** exponent
+    own = widened(drive, c[0], knots[:-1], np.diff(c), wider)
+    assert model.with_stage(stage).simulate(time, drive) == pytest.approx(own, abs=1e-9)
+    assert np.max(np.abs(own - model.simulate(time, drive))) > 0.01
+
+
 def test_viscosity_lags_by_its_length_at_300_volts_per_second():
     for slope in (300.0, -300.0):
         x = seen("rate-dependence", np.zeros(TIME.size), drive=slope * TIME,
