@@ -9,7 +9,7 @@ from functools import partial
 import pytest
 
 import piezo_rig.bench
-import piezo_rig.doctor
+import piezo_rig.doctor.instruments
 from piezo_rig.cli import main
 from piezo_rig.config import load_rig
 from piezo_rig.guard.lock import hold
@@ -108,7 +108,7 @@ def test_a_bench_behind_sockets_is_examined_and_left_at_rest(bench, capsys):
 
 
 def test_a_generator_that_another_program_holds_is_not_even_asked(bench, capsys, monkeypatch):
-    monkeypatch.setattr(piezo_rig.doctor, "hold", partial(hold, wait_s=0.0))
+    monkeypatch.setattr(piezo_rig.doctor.instruments, "hold", partial(hold, wait_s=0.0))
 
     def refuse(*args, **options):
         raise AssertionError("a line was opened")
