@@ -5,12 +5,10 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
-from piezo_rig.studies.diagnosis import read, summary
+from piezo_rig.studies.diagnosis_case import Row
+from piezo_rig.studies.diagnosis_summary import summary
 from piezo_rig.studies.document import table
-
-Row = dict[str, Any]
 
 HEAD = """# How well the diagnosis does
 
@@ -48,8 +46,7 @@ def matrix(rows: Sequence[Row]) -> str:
     return table(("hidden, first finding", *columns), body)
 
 
-def write(files: Sequence[Path], out: Path) -> None:
-    """The document of several files of rows."""
-    rows = [row for path in files for row in read(path)]
+def write(rows: Sequence[Row], out: Path) -> None:
+    """The document of rows of the study."""
     text = HEAD + summary(rows) + "\n\n## First findings\n\n" + matrix(rows) + "\n"
     out.write_text(text, encoding="utf-8", newline="\n")
