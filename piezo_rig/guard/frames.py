@@ -24,10 +24,10 @@ class Kind(IntEnum):
     WRITE = 2  # send these bytes to the generator
     UNTIL = 3  # receive up to and including these bytes
     EXACTLY = 4  # receive as many bytes as this decimal number says
-    SOME = 7  # receive what there is, at least one byte
-    UNASKED = 8  # take what has come without being asked for
     REOPEN = 5  # close the line and open it again
     FINISHED = 6  # the stack is at rest, or was never moved: the guard may go
+    SOME = 7  # receive what there is, at least one byte
+    UNASKED = 8  # take what has come without being asked for
     DONE = 16  # with what was received
     FAILED = 17  # with an InstrumentError
     TAKEN = 18  # unasked: the guard has taken over, with its report

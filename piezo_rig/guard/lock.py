@@ -57,10 +57,11 @@ def hold(address: str, tell: Tell = lambda text: None, wait_s: float = WAIT_S) -
 
 
 def _open(path: Path) -> int:
-    """Of any user: another's file is opened, one's own is left open to others."""
+    """Of any user: another's file is opened, one's own is left open to others; no link is."""
+    flags = os.O_RDWR | os.O_NOFOLLOW  # what stands in a shared folder is written to
     with contextlib.suppress(FileNotFoundError):
-        return os.open(path, os.O_RDWR)  # with O_CREAT, /tmp may refuse another user's file
-    descriptor = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
+        return os.open(path, flags)  # with O_CREAT, /tmp may refuse another user's file
+    descriptor = os.open(path, flags | os.O_CREAT, 0o666)
     with contextlib.suppress(OSError):
         os.fchmod(descriptor, 0o666)
     return descriptor

@@ -7,6 +7,7 @@ import os
 import signal
 import subprocess
 import sys
+import tempfile
 import termios
 from collections.abc import Iterator
 from dataclasses import replace
@@ -24,7 +25,7 @@ from piezo_rig.cli import main
 from piezo_rig.config import load_rig
 from piezo_rig.guard import Keeper, Orders
 from piezo_rig.guard.keeper import SLACK_S
-from piezo_rig.guard.lock import hold
+from piezo_rig.guard.lock import hold, lock_path
 from piezo_rig.guard.rest import bring_to_rest
 from piezo_rig.guard.watch import asks
 from piezo_rig.run_file.reader import Run
@@ -218,6 +219,15 @@ def test_one_program_at_a_time_holds_a_generator(bench):
     assert caught.value.code == "bench-busy"
     os.close(held)
     os.close(hold(bench.address))
+
+
+def test_a_link_in_the_place_of_a_lock_is_not_written_to(tmp_path, monkeypatch):
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    theirs = tmp_path / "theirs"
+    theirs.write_text("kept")
+    lock_path("somewhere").symlink_to(theirs)
+    assert hold("somewhere", wait_s=0.0) == -1
+    assert theirs.read_text() == "kept"
 
 
 def test_a_guard_that_was_never_armed_touches_nothing(bench):
