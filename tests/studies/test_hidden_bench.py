@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from piezo_rig.studies import diagnosis
+from piezo_rig.studies import diagnosis, diagnosis_case
 from piezo_rig.studies.hidden import PROTOCOLS, draw, kernels
 from piezo_rig.studies.hidden.body import Body, Law, random_body
 from piezo_rig.studies.hidden.case import locked
@@ -200,7 +200,7 @@ def test_a_file_of_cases_is_resumed(tmp_path, monkeypatch):
 
     def case(spec):
         ran.append(spec.seed)
-        return _row("none", []) | diagnosis.asdict(spec)
+        return _row("none", []) | asdict(spec)
 
     monkeypatch.setattr(diagnosis, "run_case", case)
     diagnosis.main(["run", "--seeds", "0:2", "--out", str(out)])
@@ -211,7 +211,8 @@ def test_a_file_of_cases_is_resumed(tmp_path, monkeypatch):
 
 
 def test_gains_are_checked_on_a_second_session_and_an_unseen_drive(monkeypatch):
-    from types import SimpleNamespace
+    from dataclasses import asdict
+from types import SimpleNamespace
 
     case = draw("creep", 4, "minor_loops", "white", d_prime=200.0)
 
@@ -231,8 +232,8 @@ def test_gains_are_checked_on_a_second_session_and_an_unseen_drive(monkeypatch):
         rungs = [SimpleNamespace(finding=None if i == 0 else i - 1) for i in range(len(models))]
         return SimpleNamespace(rung_models=models, rungs=rungs, findings=[said][: len(models) - 1])
 
-    monkeypatch.setattr(diagnosis, "diagnose", found)
-    said = diagnosis._checked(case, found(case.sweeps, "classical"), "classical")
+    monkeypatch.setattr(diagnosis_case, "diagnose", found)
+    said = diagnosis_case._checked(case, found(case.sweeps, "classical"), "classical")
     effect = np.concatenate([k - k.mean() for k in case.known_um()])
     before = np.sqrt(np.mean(effect**2) * 1e6 + 4.0)
     assert said["gains_again"] == [pytest.approx(100 * (1 - 2.0 / before), abs=0.5)]
