@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -211,9 +214,6 @@ def test_a_file_of_cases_is_resumed(tmp_path, monkeypatch):
 
 
 def test_gains_are_checked_on_a_second_session_and_an_unseen_drive(monkeypatch):
-    from dataclasses import asdict
-from types import SimpleNamespace
-
     case = draw("creep", 4, "minor_loops", "white", d_prime=200.0)
 
     class Known:  # knows the body; with or without the effect
