@@ -9,15 +9,20 @@ Shows as: half loops that differ right after the turning point, in order of
 the range before them. At one fixed frequency the slew rate is proportional to
 the range, so rate dependence looks much the same.
 
+What becomes of a loop that the drive closes exactly, and not beyond, no law says: forgotten
+(``ties`` 0), or its older branch taken up again further on (1). With a law it shows.
+
 Plausible: thesis, 7.5e-3 V/um per V and -0.36 V/um, against a first slope near 10 V/um.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import replace
 from typing import ClassVar
 
-from piezo_rig.causes.cause import FirstSpring
-from piezo_rig.chain.branches import FloatArray
+from piezo_rig.causes.cause import GIVEN, REACHING, FirstSpring
+from piezo_rig.chain.branches import Branches, FloatArray
 from piezo_rig.chain.half_loops import HalfLoops
 
 
@@ -29,6 +34,13 @@ class RangeDependence(FirstSpring):
         ("range", "range+drive", "direction", "time_since_turn+direction"),
         0.1,
     )
+
+    optional: ClassVar[Mapping[str, str]] = {**REACHING, "ties": "1"}
+    given: ClassVar[tuple[str, ...]] = (*GIVEN, "ties")
+
+    def shape(self, branches: Branches) -> Branches:
+        keeps = self.parameters["ties"].value > 0 if "ties" in self.parameters else False
+        return replace(super().shape(branches), keeps_ties=keeps)
 
     @staticmethod
     def history(loops: HalfLoops) -> FloatArray:

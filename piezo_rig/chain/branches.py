@@ -112,6 +112,9 @@ class Branches:
     rest : the later branch after that, over the volts since
     laws : applied to the first slope in this order
     reaching : laws that hold up to a reach of their own
+    keeps_ties : whether a loop that the drive closes exactly stays in memory, so that the branch
+        from its beginning is taken up again where the next one passes its far end; where branches
+        differ from half loop to half loop this shows
     """
 
     initiation: Curve
@@ -120,6 +123,7 @@ class Branches:
     rest: Curve
     laws: tuple[Law, ...] = field(default=())
     reaching: tuple[Reaching, ...] = field(default=())
+    keeps_ties: bool = False
 
     @classmethod
     def of(cls, later: Elements, initiation: Elements | None = None) -> Branches:
@@ -215,6 +219,7 @@ class Branches:
             bands.rest.knots_v,
             start,
             bands.early_slopes_v_per_um,
+            self.keeps_ties,
         )
         return Walk(ints, floats, bands)
 

@@ -127,7 +127,7 @@ def _back_again(v, i, here, room, up):
 
 
 @numba.njit(cache=True, boundscheck=False)
-def walk(v, origin, init_knots, early_knots, rest_knots, loop_start, early_slopes):
+def walk(v, origin, init_knots, early_knots, rest_knots, loop_start, early_slopes, keeps):
     """Cut a drive into segments.
 
     Parameters
@@ -140,6 +140,7 @@ def walk(v, origin, init_knots, early_knots, rest_knots, loop_start, early_slope
     rest_knots : shape (nc - e - 1,) or (0,), volts from the last of those to the other knots
     loop_start : shape (m,), first sample of every half loop
     early_slopes : shape (m, e), V/um on the first bands
+    keeps : whether a loop that the drive closes exactly, and not beyond, is remembered
 
     Returns
     -------
@@ -246,6 +247,8 @@ def walk(v, origin, init_knots, early_knots, rest_knots, loop_start, early_slope
             returns = (limit - knot) * sign <= 0.0 or np.isinf(knot)
             stop = limit if returns else knot
             goes_on = (last - stop) * sign >= 0.0
+            if keeps and returns and last == stop:
+                goes_on = False
             if goes_on:
                 after = _first_beyond(v, i, end, stop, up)
             else:

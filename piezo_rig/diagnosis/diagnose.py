@@ -12,23 +12,16 @@ import numpy as np
 from piezo_rig.causes import CAUSES, named_model
 from piezo_rig.causes.cause import Cause, FirstSpring
 from piezo_rig.chain import Model, Parameter
-from piezo_rig.diagnosis import engine
 from piezo_rig.diagnosis.checks import baseline_warnings, data_warnings
-from piezo_rig.diagnosis.climb import BEND, climb
+from piezo_rig.diagnosis.climb import BEND
+from piezo_rig.diagnosis.climbed import climbed, plain_space
 from piezo_rig.diagnosis.confusion import confusion
-from piezo_rig.diagnosis.early import TRIED, clean_up, find_line, noise_floor_nm
+from piezo_rig.diagnosis.early import HUM, TRIED, clean_up, find_line, hum_again
 from piezo_rig.diagnosis.first_spring import offset_of, with_offset
 from piezo_rig.diagnosis.fit import Point, starting_model
 from piezo_rig.diagnosis.follow_up import FollowUp, follow_up
 from piezo_rig.diagnosis.groups import Groups, group_tracks
-from piezo_rig.diagnosis.held_out import (
-    Errors,
-    carried_over_nm,
-    gain,
-    held_out_errors,
-    refold,
-    reported_kind,
-)
+from piezo_rig.diagnosis.held_out import Errors, gain, held_out_errors, refold
 from piezo_rig.diagnosis.isolability import Workings
 from piezo_rig.diagnosis.refit import Fitted, refit, settle
 from piezo_rig.diagnosis.scan import LEVEL
@@ -38,8 +31,6 @@ from piezo_rig.identification import prepare
 from piezo_rig.run_file.sweep import Sweep
 
 Tell = Callable[[str], None]
-WORSE, STRICT, AWAY = 1.03, 1.01, 3.0  # by which an extension may raise held-out errors
-CLOSE = 1.3  # times the noise floor: nearly nothing is left, and a true cause does no harm
 SHARE = 0.2  # of the false alarms that a search of the raw recordings may take
 EVENTS = ("outliers", "fringe-jump", "dropped-samples")  # nothing foretells them: no gain
 
@@ -117,53 +108,36 @@ def diagnose(
     warnings = data_warnings(raw, sweeps)
     tell("baseline")
     point = _baseline(raw, baseline)
-    flat = _plain_space(raw, point.model)
+    flat = plain_space(raw, point.model)
     start = refit(flat, point)
     warnings += baseline_warnings(raw, start)
     tell("outliers, jumps, lost samples and hum")
     tried = len(TRIED)
     count = sum(1 for k in CAUSES.values() if issubclass(k, Cause))
     found_early, point = clean_up(
-        raw, sweeps, start.point, lambda groups, p: refit(_plain_space(groups, p.model), p).point,
+        raw, sweeps, start.point, lambda groups, p: refit(plain_space(groups, p.model), p).point,
         SHARE * LEVEL, count,
     )  # fmt: skip
+    clean = raw
+    if found_early:
+        clean = found_early[-1].groups
+        start = refit(plain_space(clean, point.model), point)
+    search = climbed(clean, start.point, rng, tell, tried)
+    if found_early and found_early[-1].cause == HUM and search.ladder.steps:
+        # hum was fitted to what the baseline left; most of that has an explanation now
+        tell("hum once more")
+        before = found_early[-2].groups if len(found_early) > 1 else raw
+        found_early[-1] = hum_again(before, found_early[-1], search.ladder.last.point.model)
+        clean = found_early[-1].groups
+        start = refit(plain_space(clean, start.point.model), start.point)
+        search = climbed(clean, start.point, rng, tell, tried)
     early = [_early(f.cause, f.p_value, f.parameters) for f in found_early]
     stages = [(f.cause, f.groups) for f in found_early]
-    clean = raw
-    if stages:
-        clean = stages[-1][1]
-        start = refit(_plain_space(clean, point.model), point)
-    tell("noise")
-    spectrum = engine.repeat_spectrum(clean)
-    if spectrum is None:
+    space, ladder, kind, floor = search.space, search.ladder, search.kind, search.floor_nm
+    folds, errors = search.folds, search.errors
+    if not search.repeated:
         notes.append("no repeats: the noise is estimated from what a generous model leaves, and "
                      "the noise floor is not known")  # fmt: skip
-        spectrum = engine.generous_spectrum(_bare_space(clean), start.point, rng)
-    space, folds = engine.space_of(clean, spectrum, start.point.model)
-    first = refit(space, start.point)
-
-    kind = reported_kind(clean, folds)
-    known: dict[int, tuple[Point, Errors]] = {}
-
-    def errors(fitted: Fitted) -> Errors:
-        key = id(fitted.point)  # held, so that it stays its own; the matrices are too large for it
-        if key not in known:
-            known[key] = fitted.point, held_out_errors(space, fitted, kind)
-        return known[key][1]
-
-    def reported(fitted: Fitted) -> float:
-        return errors(fitted).rms_nm
-
-    def carries_over(fitted: Fitted) -> float:
-        return carried_over_nm(space, fitted, folds)
-
-    # conditions that were left out ask for extrapolation: only a model that runs away is refused
-    floor = noise_floor_nm(clean)
-    close = floor is not None and reported(first) < CLOSE * floor
-    gates = [(reported, STRICT if close else WORSE)]
-    if kind != folds:
-        gates.append((carries_over, AWAY))
-    ladder = climb(space, first, rng, tell, gates, floor or space.noise_nm, others=tried)
     if space.loose:
         notes.append(
             "the baseline has no memoryless bend, but the actuator has one: what the baseline "
@@ -251,22 +225,6 @@ def _baseline(groups: Groups, baseline: str | Model) -> Point:
             unit = 0.01 if kind.units[name] == "1" else 0.01 / groups.travel_um
             sizes.append((kind.id, name, float(unit)))
     return Point(model, (), tuple(sizes))
-
-
-def _bare_space(groups: Groups) -> Space:
-    from piezo_rig.diagnosis.noise import Spectrum, Whitener
-
-    white = Spectrum(np.array([1e-6, 0.5]), np.log([1e-6, 1e-6]), np.zeros(2))
-    return Space(
-        groups, engine.pieces_of(groups)[0], Whitener(white), engine.scales_of(groups), False
-    )
-
-
-def _plain_space(groups: Groups, model: Model) -> Space:
-    """A space for least squares with white noise and no dictionary."""
-    space = _bare_space(groups)
-    space.prepare(model)
-    return space
 
 
 def _rungs(

@@ -19,7 +19,8 @@ BETTER = 3.0  # log-likelihood by which a refit from further out must be better
 PLAIN = 20.0  # log-likelihood above which all forms of a law are refitted
 PARABOLAS, SETTLED = 6, 1.0  # at most so many, and the gain in log-likelihood that ends them
 FURTHER, FURTHER_BY = 4, 1.4
-FORMS, WIDER = (0.0, 1.0), 1.5  # tapers of a law; step over its reach
+FORMS = (0.0, 1.0)  # tapers of a law
+SHORTEST, WIDER, REACHES = 0.006, 1.3, 14  # its reach: of the travel, step, how many
 FADES = 4.0  # log-likelihood by which a law that fades out must be better
 
 
@@ -56,12 +57,24 @@ def reached(space: Space, fitted: Fitted, id: str, than: Fitted) -> Fitted:
     stage = fitted.point.model.stage(id)
     if not isinstance(stage, Cause) or stage.scanned[0] not in stage.parameters:
         return fitted
+    if "taper" not in stage.parameters or fitted.evidence <= than.evidence + PLAIN:
+        return _summit(space, fitted, id)
+    summits = [_summit(space, _tied(space, f, id), id) for f in _forms(space, fitted, id)]
+    return max(summits, key=lambda f: f.evidence - FADES * _taper(f, id))
+
+
+def _taper(fitted: Fitted, id: str) -> float:
+    stage = fitted.point.model.stage(id)
+    assert stage is not None
+    return stage["taper"]
+
+
+def _summit(space: Space, fitted: Fitted, id: str) -> Fitted:
+    """Where the evidence is largest over the scanned parameter, from where it stands."""
+    stage = fitted.point.model.stage(id)
+    assert isinstance(stage, Cause)
     name, factor = stage.scanned
-    if "taper" in stage.parameters and fitted.evidence > than.evidence + PLAIN:
-        fitted = _wider(space, fitted, id)
-    first = fitted.point.model.stage(id)
-    assert first is not None
-    known = {first[name]: fitted}
+    known = {stage[name]: fitted}
     step = np.log(factor)
     for _ in range(PARABOLAS):
         best = max(known, key=lambda r: known[r].evidence)
@@ -85,30 +98,36 @@ def reached(space: Space, fitted: Fitted, id: str, than: Fitted) -> Fitted:
     return refit(space, likeliest.point, steps=2, held=True)
 
 
-def _wider(space: Space, fitted: Fitted, id: str) -> Fitted:
-    """The best of a law's forms, each followed over its reach in large steps.
+def _forms(space: Space, fitted: Fitted, id: str) -> list[Fitted]:
+    """The best of each of a law's forms, looked for over all reaches that it may have.
 
-    The thesis's law ends where an element gives way; one that fades out must say more.
+    The evidence has several summits over the reach. The thesis's law ends where an element gives
+    way; one that fades out must say more.
     """
     start = fitted.point.model.stage(id)
     assert start is not None
-    best, most = fitted, -np.inf
+    reaches = space.groups.travel_um * SHORTEST * WIDER ** np.arange(REACHES)
+    here = int(np.searchsorted(reaches, start["reach"]))
+    best = []
     for form in FORMS:
-        here = fitted
-        if start["taper"] != form:
-            here = _at(space, fitted, id, taper=form)
-        for factor in (1.0 / WIDER, WIDER):
-            while True:
-                stage = here.point.model.stage(id)
-                assert stage is not None
-                there = _at(space, here, id, reach=stage["reach"] * factor)
-                if there.evidence <= here.evidence:
-                    break
-                here = there
-        worth = here.evidence - (FADES if form else 0.0)
-        if worth > most:
-            best, most = here, worth
+        first = fitted if start["taper"] == form else _at(space, fitted, id, taper=form)
+        walked = [first]
+        for way in (reaches[here:], reaches[:here][::-1]):
+            last = first
+            for reach in way:
+                last = _at(space, last, id, reach=float(reach))
+                walked.append(last)
+        best.append(max(walked, key=lambda f: f.evidence))
     return best
+
+
+def _tied(space: Space, fitted: Fitted, id: str) -> Fitted:
+    """With loops that the drive closes exactly kept in memory, where the data say so."""
+    stage = fitted.point.model.stage(id)
+    if stage is None or "ties" not in stage.optional:
+        return fitted
+    kept = _at(space, fitted, id, ties=1.0)
+    return kept if kept.evidence > fitted.evidence + FADES else fitted
 
 
 def _at(space: Space, fitted: Fitted, id: str, **values: float) -> Fitted:

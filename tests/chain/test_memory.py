@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from small_models import DX, K, lawful, play, ride, table
 
-from piezo_rig.chain import Maxwell, Model
+from piezo_rig.causes import CAUSES
+from piezo_rig.chain import Elements, Maxwell, Model
 
 volts = st.floats(-14.0, 14.0).map(lambda v: round(v, 3))
 turning = st.lists(volts, min_size=2, max_size=12)
@@ -62,3 +64,21 @@ def test_a_full_cycle_closes_to_rounding():
     y = play(model, ride([0.0, 14.0] + [-14.0, 14.0] * 50, 50))
     assert abs(y[50] - y[-1]) < 1e-13
     assert DX > 0
+
+
+def test_what_becomes_of_a_loop_that_is_closed_exactly_shows_where_a_law_holds():
+    """Worked out by hand: 10, 8 and 6 V/um up to 0.2 and 1.0 um of a later branch, the first
+    10 + 0.05 x range; 0, 40, 34, 40, 20 V."""
+    table = Elements.from_slopes(np.array([10.0, 8.0, 6.0]), np.array([0.1, 0.5, 100.0]))
+    drive = np.array([0.0, 40.0, 34.0, 40.0, 20.0])
+    rise, down, up = 0.5 + 35.8 / 6, 0.2 + 3.6 / 8, 0.2 + 3.94 / 8
+    forgotten = 1.0 + (20.0 - 8.46) / 6  # along the branch of a range of 6 V to the end
+    kept = up + 2.8 / 8 + (20.0 - 8.8) / 6  # from 34 V on along the one of 40 V
+    for ties, last in ((0.0, forgotten), (1.0, kept)):
+        law = CAUSES["range-dependence"].of(
+            None, slope=0.05, offset=0.0, reach=0.2, closing=0.0, taper=0.0, ties=ties
+        )
+        said = Model((Maxwell.of(table), law), {}, "").simulate(np.arange(5.0), drive, "virgin")
+        assert said == pytest.approx(
+            [0.0, rise, rise - down, rise - down + up, rise - down + up - last], abs=1e-12
+        )

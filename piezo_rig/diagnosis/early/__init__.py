@@ -6,8 +6,10 @@ which sample) and ``mended`` (the repair); ``hum`` the mains; ``lines`` any othe
 time, for the verdict on the rest.
 """
 
-from piezo_rig.diagnosis.early.clean_up import TRIED, Early, clean_up
+from piezo_rig.diagnosis.early.clean_up import HUM, TRIED, Early, clean_up, hum_again
 from piezo_rig.diagnosis.early.lines import find_line
 from piezo_rig.diagnosis.early.spikes import noise_floor_nm
 
-__all__ = ["TRIED", "Early", "clean_up", "find_line", "noise_floor_nm"]
+__all__ = [
+    "HUM", "TRIED", "Early", "clean_up", "find_line", "hum_again", "noise_floor_nm",
+]  # fmt: skip

@@ -8,11 +8,11 @@ left open while breaks are sought. After each the baseline is refitted.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from piezo_rig.chain import Parameter
+from piezo_rig.chain import Model, Parameter
 from piezo_rig.diagnosis.early.breaks import Breaks, find_breaks
 from piezo_rig.diagnosis.early.hum import find_hum, removed
 from piezo_rig.diagnosis.early.mended import DROP, JUMP, Break, mended
@@ -22,7 +22,8 @@ from piezo_rig.diagnosis.fit import Point
 from piezo_rig.diagnosis.groups import Groups
 from piezo_rig.run_file.sweep import Sweep
 
-TRIED = ("outliers", JUMP, DROP, "mains-hum")
+HUM = "mains-hum"
+TRIED = ("outliers", JUMP, DROP, HUM)
 BETTER = 0.999  # squared error of the baseline after mending, of that before
 JOINTLY = 6  # turns of fitting base and hum
 
@@ -115,5 +116,11 @@ def clean_up(
             point = refitted(clean, point)
             hum = removed(noisy, point.model, hum.frequency, hum.p_value)
         parameters = dict(hum.stage().parameters)
-        found.append(Early("mains-hum", hum.p_value * count, parameters, hum.groups))
+        found.append(Early(HUM, hum.p_value * count, parameters, hum.groups))
     return found, point
+
+
+def hum_again(before: Groups, found: Early, model: Model) -> Early:
+    """The hum fitted once more, to what a better model leaves of recordings that still have it."""
+    hum = removed(before, model, found.parameters["frequency"].value, found.p_value)
+    return replace(found, parameters=dict(hum.stage().parameters), groups=hum.groups)

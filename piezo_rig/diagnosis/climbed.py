@@ -1,0 +1,96 @@
+"""From clean recordings to a ladder: the noise, the space that causes are scored in, the climb."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from piezo_rig.chain import Model
+from piezo_rig.diagnosis import engine
+from piezo_rig.diagnosis.climb import Ladder, climb
+from piezo_rig.diagnosis.early import noise_floor_nm
+from piezo_rig.diagnosis.fit import Point
+from piezo_rig.diagnosis.groups import Groups
+from piezo_rig.diagnosis.held_out import Errors, carried_over_nm, held_out_errors, reported_kind
+from piezo_rig.diagnosis.noise import Spectrum, Whitener
+from piezo_rig.diagnosis.refit import Fitted, refit
+from piezo_rig.diagnosis.space import Space
+
+WORSE, STRICT, AWAY = 1.03, 1.01, 3.0  # by which an extension may raise held-out errors
+CLOSE = 1.3  # times the noise floor: nearly nothing is left, and a true cause does no harm
+
+
+@dataclass(eq=False)
+class Climbed:
+    """A ladder, and what it was climbed with.
+
+    Attributes
+    ----------
+    folds, kind : how things were held out for the climb, and for the figures
+    floor_nm : noise of one recording; None without repeats
+    repeated : whether the noise was measured between repeats
+    """
+
+    space: Space
+    folds: str
+    kind: str
+    floor_nm: float | None
+    repeated: bool
+    ladder: Ladder = field(init=False)
+    _known: dict[int, tuple[Point, Errors]] = field(default_factory=dict)
+
+    def errors(self, fitted: Fitted) -> Errors:
+        """Held-out errors of a rung, as they are reported."""
+        key = id(fitted.point)  # held, so that it stays its own; the matrices are too large for it
+        if key not in self._known:
+            self._known[key] = fitted.point, held_out_errors(self.space, fitted, self.kind)
+        return self._known[key][1]
+
+
+def climbed(
+    clean: Groups, start: Point, rng: np.random.Generator, tell: Callable[[str], None], others: int
+) -> Climbed:
+    """The ladder of recordings that are clean of events and hum.
+
+    ``others`` : causes that were tried elsewhere (on the raw recordings), for the correction
+    """
+    tell("noise")
+    spectrum = engine.repeat_spectrum(clean)
+    repeated = spectrum is not None
+    if spectrum is None:
+        spectrum = engine.generous_spectrum(bare_space(clean), start, rng)
+    space, folds = engine.space_of(clean, spectrum, start.model)
+    first = refit(space, start)
+    floor = noise_floor_nm(clean)
+    out = Climbed(space, folds, reported_kind(clean, folds), floor, repeated)
+
+    def reported(fitted: Fitted) -> float:
+        return out.errors(fitted).rms_nm
+
+    def carries_over(fitted: Fitted) -> float:
+        return carried_over_nm(space, fitted, folds)
+
+    # conditions that were left out ask for extrapolation: only a model that runs away is refused
+    close = floor is not None and reported(first) < CLOSE * floor
+    gates = [(reported, STRICT if close else WORSE)]
+    if out.kind != folds:
+        gates.append((carries_over, AWAY))
+    out.ladder = climb(space, first, rng, tell, gates, floor or space.noise_nm, others)
+    return out
+
+
+def bare_space(groups: Groups) -> Space:
+    """A space with white noise, not yet prepared for any model."""
+    white = Spectrum(np.array([1e-6, 0.5]), np.log([1e-6, 1e-6]), np.zeros(2))
+    return Space(
+        groups, engine.pieces_of(groups)[0], Whitener(white), engine.scales_of(groups), False
+    )
+
+
+def plain_space(groups: Groups, model: Model) -> Space:
+    """A space for least squares with white noise and no dictionary."""
+    space = bare_space(groups)
+    space.prepare(model)
+    return space
