@@ -4,7 +4,9 @@ Physics: domain walls relax over barriers of very different heights, so that the
 step grows by the same amount in every decade of time. H. Jung and D.-G. Gweon, Rev. Sci. Instrum.
 71 (2000) 1896; Kuhnen and Janocha's operator form, Control and Intelligent Systems 29 (2001):
 first-order relaxations with time constants spread evenly over the decades, here two per decade
-from 10 ms to 1000 s, each driven by the displacement.
+from 10 ms to 1000 s, each driven by the displacement. Kuhnen's operator has a share of its own for
+each; where a large effect shows that they are not even, a diagnosis fits them (``share_1s`` and so
+on, 1 being the even share) and reports the mean rate.
 
 Shows as: holds that are not flat, later cycles that ride up after the first, loops that open at
 low frequency. With conditions in ascending order it looks much like thermal drift.
@@ -20,10 +22,14 @@ from typing import ClassVar
 import numpy as np
 
 from piezo_rig.causes.cause import Cause, Context, FloatArray
-from piezo_rig.chain.stage import Signal, Stage
+from piezo_rig.chain.stage import Parameter, Signal, Stage
 
 TIMES_S = np.logspace(-2.0, 3.0, 11)
 PER_DECADE = 2.0
+SHARES = (
+    "share_10ms", "share_32ms", "share_100ms", "share_320ms", "share_1s", "share_3.2s",
+    "share_10s", "share_32s", "share_100s", "share_320s", "share_1000s",
+)  # fmt: skip
 
 
 def _weights() -> np.ndarray:
@@ -39,22 +45,51 @@ class Creep(Cause):
     place = "actuator"
     law: ClassVar[tuple[tuple[str, ...], float]] = (("time_since_turn",), 0.01)
     units: ClassVar[Mapping[str, str]] = {"rate_per_decade": "1"}
-    limits: ClassVar[Mapping[str, tuple[float, float]]] = {"rate_per_decade": (0.0, 0.3)}
+    limits: ClassVar[Mapping[str, tuple[float, float]]] = {
+        "rate_per_decade": (0.0, 0.3), **dict.fromkeys(SHARES, (0.0, 20.0)),
+    }  # fmt: skip
+
+    optional: ClassVar[Mapping[str, str]] = dict.fromkeys(SHARES, "1")
+    neutral: ClassVar[Mapping[str, float]] = dict.fromkeys(SHARES, 1.0)
+    priors: ClassVar[Mapping[str, tuple[float, float]]] = dict.fromkeys(SHARES, (1.0, 1.0))
+    loosened: ClassVar[Mapping[str, float]] = dict.fromkeys(SHARES, 0.1)
+
+    @property
+    def _shares(self) -> FloatArray:
+        """Of every relaxation, of the displacement."""
+        own = [self[n] if n in self.parameters else 1.0 for n in SHARES]
+        return np.asarray(self["rate_per_decade"] * _weights() * own)
 
     def act(self, signal: Signal) -> Signal:
         from piezo_rig.chain.relaxation import relaxed
 
         x = np.ascontiguousarray(signal.displacement_um)
         time = np.ascontiguousarray(signal.time_s)
-        crept = relaxed(time, x, TIMES_S, self["rate_per_decade"] * _weights())
-        return signal.with_(displacement_um=x + crept)
+        return signal.with_(displacement_um=x + relaxed(time, x, TIMES_S, self._shares))
 
     def carry(self, signal: Signal, changes: FloatArray) -> FloatArray:
         from piezo_rig.chain.relaxation import relaxed_rows
 
         time = np.ascontiguousarray(signal.time_s)
-        weights = self["rate_per_decade"] * _weights()
-        return changes + relaxed_rows(time, np.ascontiguousarray(changes), TIMES_S, weights)
+        rows = np.ascontiguousarray(changes)
+        return changes + relaxed_rows(time, rows, TIMES_S, self._shares)
+
+    def reported(self, covariance: FloatArray) -> dict[str, Parameter]:
+        """The rate, the mean over all decades where they are not even."""
+        said = super().reported(covariance)
+        names = list(self.parameters)
+        own = [n for n in SHARES if n in self.parameters]
+        if own:
+            weights = _weights() / _weights().sum()
+            mean = float(weights @ np.array([self[n] for n in SHARES]))
+            gradient = np.zeros(len(names))
+            gradient[names.index("rate_per_decade")] = mean
+            for n, w in zip(SHARES, weights, strict=True):
+                gradient[names.index(n)] = self["rate_per_decade"] * w
+            half = 1.96 * float(np.sqrt(max(float(gradient @ covariance @ gradient), 0.0)))
+            value = self["rate_per_decade"] * mean
+            said["rate_per_decade"] = Parameter(value, "1", (value - half, value + half))
+        return said
 
     @classmethod
     def trials(cls, context: Context) -> list[Stage]:

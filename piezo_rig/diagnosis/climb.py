@@ -46,6 +46,7 @@ OF_THE_MISFIT = (
 )
 NEARER = 0.9  # held-out error, of that when a cause was refused, below which it is tried again
 NEAR = 1.1  # held-out error of a rival, of the best one's
+LOOSE = 15.0  # log-likelihood that a law must gain by being let go of
 BEND = Bend.id
 Tell = Callable[[str], None]
 
@@ -153,7 +154,7 @@ class _Search:
             level = LATER if self.causes else LEVEL
             good = np.flatnonzero(family < level) if family.size else np.empty(0, int)
             best = float(result.ratio[good].max()) if good.size else 0.0
-            if self.bend(here, best):
+            if self.bend(here, best) or (good.size and self.loosen(here, best)):
                 continue
             if good.size == 0 or not self.take(here, found, good, family):
                 return
@@ -183,6 +184,24 @@ class _Search:
             return False
         self.accept(Step(BEND, p, fitted))
         return True
+
+    def loosen(self, here: Fitted, best: float) -> bool:
+        """Let go of the assumed law of a member where that says more than any other cause does."""
+        for id in self.causes:
+            kind, stage = CAUSES[id], here.point.model.stage(id)
+            free = kind.loosened if issubclass(kind, Cause) else {}
+            if stage is None or not free or set(free) <= set(stage.parameters):
+                continue
+            self.tell(f"refit with {id} of its own law")
+            wide = stage.with_values(**{n: stage.neutral[n] for n in free})
+            sizes = (*here.point.sizes, *((id, n, size) for n, size in free.items()))
+            point = replace(here.point, model=here.point.model.with_stage(wide), sizes=sizes)
+            fitted = refit(self.space, refit(self.space, point).point, steps=1, held=True)
+            gained = fitted.evidence - here.evidence
+            if gained > max(LOOSE, best) and self.worse(fitted, here) is None:
+                self.steps[-1] = replace(self.steps[-1], fitted=fitted)
+                return True
+        return False
 
     def take(
         self, here: Fitted, found: Found, good: NDArray[np.int64], family: FloatArray

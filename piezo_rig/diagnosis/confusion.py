@@ -105,7 +105,7 @@ def confusion(space: Space, fitted: Fitted, cause: str) -> Confusion:
     for j, k in enumerate(own):
         if k >= point.linear:
             name = point.sizes[k - point.linear][1]
-            if name in kind.priors:
+            if name in kind.priors and name not in kind.loosened:
                 column = kind.priors[name][1] * handed[:, j]
                 sigma = sigma + np.outer(column, column)
     lower = cholesky(sigma, lower=True)

@@ -376,8 +376,9 @@ class Space:
 def _near(known: object, wanted: tuple[float, ...]) -> bool:
     """Whether the numbers of two models are within `NEAR` of each other, one by one."""
     assert isinstance(known, tuple)
-    return all(abs(a - b) <= NEAR * max(abs(a), abs(b))
-               for a, b in zip(known, wanted, strict=True))  # fmt: skip
+    return len(known) == len(wanted) and all(
+        abs(a - b) <= NEAR * max(abs(a), abs(b)) for a, b in zip(known, wanted, strict=True)
+    )
 
 
 def _driven(group: Group, model: Model) -> Group:
