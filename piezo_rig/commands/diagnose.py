@@ -104,17 +104,11 @@ def _each(args: argparse.Namespace) -> int:
 
     from piezo_rig.causes import NAMED_MODELS, load_model
     from piezo_rig.chain.model_file import model_text
-    from piezo_rig.commands.every_file import Job, every_file, is_folder
+    from piezo_rig.commands.every_file import Job, Output, every_file, is_folder, items_for
     from piezo_rig.errors import InputError
     from piezo_rig.resources import find
 
-    settings: dict[str, Any] = {"baseline": args.baseline, "seed": args.seed}
-    if args.baseline not in NAMED_MODELS:  # a slip is said once, and at once
-        path = find("calibration", args.baseline)
-        text = model_text(load_model(path))
-        args.baseline = str(path.absolute())
-        settings["baseline_sha256"] = hashlib.sha256(text.encode()).hexdigest()
-    folders = {}
+    outputs = []
     for name, ending in IN_FOLDER.items():
         given = getattr(args, name)
         if given is not None:
@@ -124,8 +118,15 @@ def _each(args: argparse.Namespace) -> int:
                     "with a folder as --json every one of DATA has outputs of its own",
                     "give a folder (it exists, or ends in /), or a file as --json",
                 )
-            folders[ending] = Path(given)
-    return every_file(args, Job("diagnosed", _analysed, folders, settings))
+            outputs.append(Output(name, Path(given), ending))
+    items = items_for(args, outputs)
+    settings: dict[str, Any] = {"baseline": args.baseline, "seed": args.seed}
+    if args.baseline not in NAMED_MODELS:  # a slip is said once, and at once
+        path = find("calibration", args.baseline)
+        text = model_text(load_model(path))
+        args.baseline = str(path.absolute())
+        settings["baseline_sha256"] = hashlib.sha256(text.encode()).hexdigest()
+    return every_file(args, items, Job("diagnosed", _analysed, outputs, settings))
 
 
 def _analysed(options: Mapping[str, Any], item: Item, place: Path) -> dict[str, Any]:

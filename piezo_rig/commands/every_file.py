@@ -23,22 +23,35 @@ NOT_OPTIONS = (
 
 
 @dataclass(frozen=True)
+class Output:
+    """One kind of output: the option that asks for it, its folder, how its files' names end."""
+
+    option: str
+    folder: Path
+    ending: str
+
+    def path(self, name: str) -> Path:
+        """Where it goes for the item of that name."""
+        return self.folder / f"{name}{self.ending}"
+
+
+@dataclass(frozen=True)
 class Job:
     """What is done with every item.
 
     Attributes
     ----------
     what : the verb's participle
-    analyse : called with options (see `options_of`; ``outputs`` are the endings), the item and an
-        empty folder. It leaves its outputs there as ``NAME + ending`` and returns a row. A function
-        of a module, so that another process can import it
-    folders : the folder that an output goes to, by its ending; the first one gets the summary
+    analyse : called with options (those of the command line; ``outputs`` are the endings), the
+        item and an empty folder. It leaves its outputs there as ``NAME + ending`` and returns a
+        row. A function of a module, so that another process can import it
+    outputs : the first one's folder gets journal and summary
     settings : whatever the outputs depend on besides the input, as plain data
     """
 
     what: str
     analyse: Callable[[Mapping[str, Any], Item, Path], dict[str, Any]]
-    folders: Mapping[str, Path]
+    outputs: Sequence[Output]
     settings: Mapping[str, Any]
 
 
@@ -81,9 +94,36 @@ def is_folder(output: str) -> bool:
     return output.endswith(("/", "\\")) or Path(output).is_dir()
 
 
-def options_of(args: argparse.Namespace) -> dict[str, Any]:
-    """How the data are read and analysed, as plain data that a worker can be sent."""
-    return {k: v for k, v in vars(args).items() if k not in NOT_OPTIONS}
+def items_for(args: argparse.Namespace, outputs: Sequence[Output]) -> list[Item]:
+    """The items of DATA, once it is clear that their outputs can be written.
+
+    Raises
+    ------
+    InputError : an output is an input
+    BenchError : the disk refuses (exit 4)
+    """
+    from piezo_rig.commands.outputs import refuse_overwriting
+    from piezo_rig.errors import BenchError
+    from piezo_rig.fleet import items_of
+
+    items = items_of(args.data, [output.ending for output in outputs])
+    for item in items:
+        for output in outputs:
+            refuse_overwriting(argparse.Namespace(**{
+                "baseline": getattr(args, "baseline", None), "files": [*item.files],
+                output.option: str(output.path(item.name)),
+            }))  # fmt: skip
+    for output in outputs:
+        try:
+            output.folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            option = output.option.replace("_", "-")
+            raise BenchError(
+                "disk", f"could not write {output.folder}: {error.strerror or error}",
+                "the name is taken, or the folder above is not yours to write",
+                f"give another --{option}",
+            ) from None
+    return items
 
 
 def about_files(files: Sequence[str]) -> dict[str, Any]:
@@ -109,8 +149,8 @@ def about_files(files: Sequence[str]) -> dict[str, Any]:
     return {"origin": " and ".join(sorted(origins)), "actuator": "".join(serials)}
 
 
-def every_file(args: argparse.Namespace, job: Job) -> int:
-    """Analyse every one of DATA; returns 0, or the worst status where none could be analysed.
+def every_file(args: argparse.Namespace, items: Sequence[Item], job: Job) -> int:
+    """Analyse every item; returns 0, or the worst status where none could be analysed.
 
     Raises
     ------
@@ -122,22 +162,13 @@ def every_file(args: argparse.Namespace, job: Job) -> int:
 
     from piezo_rig import __version__
     from piezo_rig.commands.console import Progress, seconds
-    from piezo_rig.commands.outputs import refuse_overwriting
     from piezo_rig.errors import Aborted, PiezoRigError
-    from piezo_rig.fleet import Work, items_of
+    from piezo_rig.fleet import Work
     from piezo_rig.fleet.journal import Journal, key_of
 
-    options = options_of(args) | {"outputs": list(job.folders)}
-    items = items_of(args.data, list(job.folders))
-    for item in items:
-        for ending, folder in job.folders.items():
-            refuse_overwriting(argparse.Namespace(
-                baseline=options.get("baseline"), files=[*item.files],
-                out=str(folder / f"{item.name}{ending}"),
-            ))  # fmt: skip
-    for folder in job.folders.values():
-        _make(folder)
-    summary = next(iter(job.folders.values()))
+    options: dict[str, Any] = {k: v for k, v in vars(args).items() if k not in NOT_OPTIONS}
+    options["outputs"] = [output.ending for output in job.outputs]
+    summary = job.outputs[0].folder
     journal = Journal(summary, key_of({
         "what": job.what, "options": options, "settings": job.settings,
         "software": __version__,
@@ -212,20 +243,16 @@ class _Done:
         self.units |= row.pop("units", {})
         for text in line["said"]:
             self.said.setdefault(text, []).append(item.given)
-        outputs = self._outputs(outcome.name)
         self.rows[outcome.name] = {
             "file": item.given, "sha256": outcome.sha256, "status": "done",
-            "output": str(next(iter(outputs.values()))), **row,
+            "output": str(self.job.outputs[0].path(outcome.name)), **row,
         }
-
-    def _outputs(self, name: str) -> dict[str, Path]:
-        return {ending: folder / f"{name}{ending}" for ending, folder in self.job.folders.items()}
 
     def _written(self, outcome: Outcome) -> dict[str, Any]:
         """Put the outputs in their places, whole or not at all, and note that they stand."""
         from piezo_rig.report.figures import place_for
 
-        places = self._outputs(outcome.name)
+        places = {o.ending: o.path(outcome.name) for o in self.job.outputs}
         for ending, content in outcome.files.items():
             path = places[ending]
             draft = path.with_name(path.name + ".tmp")
@@ -255,13 +282,6 @@ def _outcomes(
         from piezo_rig.fleet.local import on_this_computer
 
         yield from on_this_computer(work, items)
-
-
-def _make(folder: Path) -> None:
-    from piezo_rig.report.figures import place_for
-
-    with place_for(folder / "x"):
-        pass
 
 
 def _tell(done: _Done, folder: Path, rows: Sequence[dict[str, Any]]) -> None:

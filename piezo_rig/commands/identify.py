@@ -114,13 +114,13 @@ def _each(args: argparse.Namespace) -> int:
     from pathlib import Path
 
     from piezo_rig.causes import named_model
-    from piezo_rig.commands.every_file import Job, every_file
+    from piezo_rig.commands.every_file import Job, Output, every_file, items_for
 
     named_model(args.model)  # a slip is said once, and at once
+    outputs = [Output("out", Path(args.out), f"_{args.model}.json")]
+    items = items_for(args, outputs)
     settings = {n: getattr(args, n) for n in ("model", "scheme", "elements", "seed")}
-    return every_file(args, Job(
-        "identified", _analysed, {f"_{args.model}.json": Path(args.out)}, settings
-    ))  # fmt: skip
+    return every_file(args, items, Job("identified", _analysed, outputs, settings))
 
 
 def _analysed(options: Mapping[str, Any], item: Item, place: Path) -> dict[str, Any]:
