@@ -93,8 +93,8 @@ computer has processors, {{processors}}:
 
 This holds the start of the processes, the table and the page. The computer was busy with other
 work (a load of {{load}}), so the seconds of its processors say more than the clock. From {{small}}
-to {{large}} actuators those for one change by {{change}} %. The program itself took {{parent_mb}} MB at
-most, a worker {{worker_mb}} MB. A second call with nothing left to do took {{again_s}} s.
+to {{large}} actuators those for one change by {{change}} %. The program itself took {{parent_mb}} MB
+at most, a worker {{worker_mb}} MB. A second call with nothing left to do took {{again_s}} s.
 
 On a Dask cluster of two workers, one thread each, on the same computer, {{cluster_count}} actuators
 took {{cluster_s}} s, {{local_s}} s without it; the models are {{same}}.
