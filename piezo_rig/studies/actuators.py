@@ -4,23 +4,23 @@
 
 Every actuator is a simulated bench with a stack of its own: its parameters are drawn around the
 default's. Some are planted: their stack, sensor or file is not like the others. The files are
-played through the real drivers and kept in the folder; a second call measures without playing.
+played through the real drivers and kept in the folder, as is what was measured: a study that was
+stopped goes on.
 """
 
 from __future__ import annotations
 
 import argparse
 import contextlib
-import io
 import json
 import os
-import resource
 import shutil
 import subprocess
 import sys
 import time
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict, dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -28,10 +28,8 @@ import numpy as np
 
 from drivers.clock import RealClock, VirtualClock
 from piezo_rig.bench import open_bench
-from piezo_rig.cli import main as piezo_rig
 from piezo_rig.config import Rig, load_rig
 from piezo_rig.config.toml_text import Document
-from piezo_rig.fleet.journal import NAME as JOURNAL
 from piezo_rig.fleet.outliers import LIMIT
 from piezo_rig.fleet.page import Overview
 from piezo_rig.fleet.table import NAME as TABLE
@@ -43,7 +41,7 @@ from piezo_rig.studies.document import fill, number, table
 SEED = 20
 MODEL = "classical"
 SIZES = (50, 200, 500)
-DIAGNOSED, ON_CLUSTER = 24, 100
+ORDINARY, ON_CLUSTER = 8, 100  # ordinary ones that are diagnosed besides the planted ones
 PROTOCOL = """
 schema = "piezo-rig/protocol/1"
 name = "acceptance"
@@ -75,46 +73,7 @@ PLANTED: dict[str, dict[str, dict[str, Any]] | None] = {
     "an empty file": None,
 }
 
-TEMPLATE = """# Many actuators
-
-Written by `make study-actuators`; the numbers are those of its last run.
-
-{{count}} simulated actuators, each with a stack of its own: reversible and irreversible strain,
-edge, first rise, range dependence and creep vary by 2 to 5 %. Every one was played through the
-drivers, {{sweeps}} sweeps and {{samples}} samples, into a run of its own. Among them were planted
-{{planted_count}} that are not like the others.
-
-## Identified
-
-`piezo-rig identify actuators/*.h5 --model {{model}} --out models/`, as many processes as this
-computer has processors, {{processors}}:
-
-{{timing}}
-
-This holds the start of the processes, the table and the page. The computer was busy with other
-work (a load of {{load}}), so the seconds of its processors say more than the clock. From {{small}}
-to {{large}} actuators those for one change by {{change}} %. The program itself took {{parent_mb}} MB
-at most, a worker {{worker_mb}} MB. A second call with nothing left to do took {{again_s}} s.
-
-On a Dask cluster of two workers, one thread each, on the same computer, {{cluster_count}} actuators
-took {{cluster_s}} s, {{local_s}} s without it; the models are {{same}}.
-
-## What stood out
-
-A value stands out beyond a robust z-score of {{limit}}. Planted:
-
-{{planted}}
-
-Besides these, {{false_files}} of the {{others}} ordinary actuators stand out in some value, among
-{{compared}} values for each.
-
-## Diagnosed
-
-`piezo-rig diagnose actuators/*.h5 --json diagnoses/` on the first {{diagnosed}}, planted ones
-included: {{diagnosed_s}} s, {{each_s}} s of processor for each. Found, by number of actuators:
-
-{{causes}}
-"""
+TEMPLATE = Path(__file__).with_name("actuators_template.md")
 
 
 def actuator(index: int, kind: str, rig: Rig) -> Rig:
@@ -167,30 +126,47 @@ def play_one(rig: Rig, protocol: Protocol, path: Path) -> Path:
 
 @dataclass(frozen=True)
 class Took:
-    """Seconds of one call of the program: by the clock, and of all processors together."""
+    """What one call of the program took.
+
+    ``cpu_s`` is of all processors together, ``peak_mb`` of the largest of its processes.
+    """
 
     wall_s: float
     cpu_s: float
-
-
-def cpu_s() -> float:
-    """Of this process and of all that it started and that have ended."""
-    used = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
-    return sum(u.ru_utime + u.ru_stime for u in used)
+    peak_mb: float
 
 
 def timed(words: Sequence[str]) -> Took:
-    """What one call of the program takes."""
-    begun, used = time.monotonic(), cpu_s()
-    with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
-        status = piezo_rig(list(words))
-    if status != 0:
-        raise SystemExit(f"{words[0]} ended with {status}")
-    return Took(time.monotonic() - begun, cpu_s() - used)
+    """Call the program in a process of its own."""
+    begun = time.monotonic()
+    process = subprocess.Popen([sys.executable, "-m", "piezo_rig", *words],
+                               stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)  # fmt: skip
+    _, status, used = os.wait4(process.pid, 0)
+    process.returncode = os.waitstatus_to_exitcode(status)
+    if process.returncode != 0:
+        raise SystemExit(f"{words[0]} ended with {process.returncode}")
+    return Took(time.monotonic() - begun, used.ru_utime + used.ru_stime, used.ru_maxrss / 1024)
 
 
 def identified(paths: Sequence[Path], out: Path, *more: str) -> Took:
+    """Identify all of them into a folder."""
     return timed(["identify", *map(str, paths), "--model", MODEL, "--out", f"{out}/", *more])
+
+
+class Measured:
+    """What was measured already, in a file, so that a study that was stopped goes on."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        said = json.loads(path.read_text()) if path.exists() else {}
+        self.took = {name: Took(**values) for name, values in said.items()}
+
+    def __call__(self, name: str, measure: Callable[[], Took]) -> Took:
+        if name not in self.took:
+            self.took[name] = measure()
+            self.path.write_text(json.dumps({n: asdict(t) for n, t in self.took.items()}))
+            print(name, self.took[name], flush=True)
+        return self.took[name]
 
 
 @contextlib.contextmanager
@@ -227,48 +203,52 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=Path("docs/many-actuators.md"))
     args = parser.parse_args()
     paths = play_all(args.count, args.folder / "runs")
-    models = args.folder / "models"
-    took = {}
-    for size in sorted({min(s, args.count) for s in SIZES}):
-        shutil.rmtree(models, ignore_errors=True)
-        took[size] = identified(paths[:size], models)
-        print(f"identified {size}: {took[size]}", flush=True)
-    lines = [json.loads(x) for x in (models / JOURNAL).read_text().splitlines()]
-    peak = [resource.getrusage(who).ru_maxrss / 1024
-            for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]  # fmt: skip
-    again_s = identified(paths, models).wall_s
-    some = paths[:ON_CLUSTER]
-    local, remote = args.folder / "models-local", args.folder / "models-cluster"
-    for folder in (local, remote, args.folder / "diagnoses"):
-        shutil.rmtree(folder, ignore_errors=True)
-    local_s = identified(some, local).wall_s
-    with cluster() as address:
-        cluster_s = identified(some, remote, "--scheduler", address).wall_s
-    print(f"cluster {cluster_s:.1f} s, local {local_s:.1f} s", flush=True)
-    same = all((remote / p.name).read_bytes() == p.read_bytes() for p in local.glob("*.json"))
-    dug = timed(["diagnose", *map(str, paths[:DIAGNOSED]),
-                 "--json", f"{args.folder / 'diagnoses'}/"])  # fmt: skip
-    print(f"diagnosed: {dug}", flush=True)
-    rows, diagnosed = rows_of(models), rows_of(args.folder / "diagnoses")
+    measured = Measured(args.folder / "measured.json")
+    folder = {name: args.folder / name for name in ("models", "local", "cluster", "diagnoses")}
+
+    def identify_afresh(count: int, out: Path, *more: str) -> Took:
+        shutil.rmtree(out, ignore_errors=True)
+        return identified(paths[:count], out, *more)
+
+    def identify_on_cluster() -> Took:
+        with cluster() as address:
+            return identify_afresh(ON_CLUSTER, folder["cluster"], "--scheduler", address)
+
+    took = {n: measured(f"{n} identified", partial(identify_afresh, n, folder["models"]))
+            for n in sorted({min(s, args.count) for s in SIZES})}  # fmt: skip
+    again = measured("again", lambda: identified(paths, folder["models"]))
+    local = measured("local", lambda: identify_afresh(ON_CLUSTER, folder["local"]))
+    remote = measured("cluster", identify_on_cluster)
+    what = kinds(args.count)
+    chosen = [p for p, kind in zip(paths, what, strict=True) if kind]
+    chosen += [p for p, kind in zip(paths, what, strict=True) if not kind][:ORDINARY]
+    dug = measured("diagnosed", lambda: timed(
+        ["diagnose", *map(str, chosen), "--json", f"{folder['diagnoses']}/"]
+    ))  # fmt: skip
+    same = all((folder["cluster"] / p.name).read_bytes() == p.read_bytes()
+               for p in folder["local"].glob("*_*.json"))  # fmt: skip
+    rows, diagnosed = rows_of(folder["models"]), rows_of(folder["diagnoses"])
     planted, false = judged(rows, diagnosed)
     small, large = min(took), max(took)
     share = took[large].cpu_s / large / (took[small].cpu_s / small)
-    args.out.write_text(fill(TEMPLATE, {
-        "count": str(args.count), "sweeps": str(lines[0]["row"]["sweeps"]),
-        "samples": str(lines[0]["row"]["samples"]), "planted_count": str(len(PLANTED)),
-        "model": MODEL, "small": str(small), "large": str(large),
+    one = next(row for row in rows if row["status"] == "done")
+    args.out.write_text(fill(TEMPLATE.read_text(encoding="utf-8"), {
+        "count": str(args.count), "sweeps": str(one["sweeps"]), "samples": str(one["samples"]),
+        "planted_count": str(len(PLANTED)), "model": MODEL, "small": str(small),
+        "large": str(large), "processors": str(len(os.sched_getaffinity(0))),
         "timing": table(("actuators", "seconds", "of processor", "for one"),
                         [(n, number(s.wall_s, 1), number(s.cpu_s, 1), number(s.cpu_s / n, 3))
                          for n, s in took.items()]),
-        "change": number(100 * (share - 1), 0), "load": number(os.getloadavg()[2], 1),
-        "parent_mb": number(peak[0], 0), "worker_mb": number(peak[1], 0),
-        "again_s": number(again_s, 1), "cluster_count": str(len(some)),
-        "cluster_s": number(cluster_s, 1), "local_s": number(local_s, 1),
+        "change": number(100 * (share - 1), 0),
+        "peak_mb": number(max(t.peak_mb for t in (*took.values(), again, local)), 0),
+        "again_s": number(again.cpu_s, 1), "cluster_count": str(min(ON_CLUSTER, args.count)),
+        "cluster_s": number(remote.wall_s, 1), "local_s": number(local.wall_s, 1),
         "same": "the same, byte for byte" if same else "**not the same**",
         "limit": f"{LIMIT:g}", "planted": planted, "false_files": str(false),
-        "others": str(args.count - len(PLANTED)), "diagnosed": str(DIAGNOSED),
-        "diagnosed_s": number(dug.wall_s, 0), "each_s": number(dug.cpu_s / DIAGNOSED, 1),
-        "causes": causes(diagnosed), "processors": str(len(os.sched_getaffinity(0))),
+        "others": str(args.count - len(PLANTED)), "ordinary": str(ORDINARY),
+        "diagnosed_s": number(dug.wall_s, 0),
+        "each_s": number(dug.cpu_s / sum(r["status"] == "done" for r in diagnosed), 1),
+        "causes": causes(diagnosed),
         "compared": str(len(Overview("identified", rows).compared())),
     }), encoding="utf-8")  # fmt: skip
     print(f"wrote {args.out}")
