@@ -32,6 +32,8 @@ def on_cluster(address: str, work: Work, items: Sequence[Item]) -> Iterator[Outc
     BenchError : no scheduler answers, it has no workers, a worker has another version of this
         program, or the scheduler goes away
     """
+    # Dask tells its own log what went wrong, long after it is over too. Here it is said in words.
+    logging.disable(logging.CRITICAL)
     _look(address)
     with _client(address) as client:
         ready: queue.SimpleQueue[Any] = queue.SimpleQueue()
@@ -82,8 +84,7 @@ def _look(address: str) -> None:
             return said
 
     try:
-        with _quiet():
-            said = asyncio.run(identity())
+        said = asyncio.run(identity())
     except ValueError as error:
         raise InputError("usage", f"--scheduler {address}: {error}", "a slip in the address",
                          "an address reads tcp://HOST:8786") from None
@@ -106,16 +107,15 @@ def _look(address: str) -> None:
 def _client(address: str) -> Iterator[Any]:
     from distributed import Client
 
-    with _quiet():
-        try:
-            client = Client(address, timeout=ANSWER_S, set_as_default=False)
-        except OSError:
-            raise _lost(address) from None
-        try:
-            _same_program(client, address)
-            yield client
-        finally:
-            client.close(timeout=1)
+    try:
+        client = Client(address, timeout=ANSWER_S, set_as_default=False)
+    except OSError:
+        raise _lost(address) from None
+    try:
+        _same_program(client, address)
+        yield client
+    finally:
+        client.close(timeout=1)
 
 
 def _same_program(client: Any, address: str) -> None:
@@ -151,17 +151,3 @@ def _lost(address: str) -> BenchError:
                       "it was stopped, or the network failed",
                       "give the same command again, with or without --scheduler: it goes on with "
                       "what is missing")
-
-
-@contextmanager
-def _quiet() -> Iterator[None]:
-    """Dask's own complaints stay away from the terminal; what went wrong is said here."""
-    loggers = [logging.getLogger(name) for name in ("distributed", "tornado", "asyncio")]
-    before = [logger.level for logger in loggers]
-    for logger in loggers:
-        logger.setLevel(logging.CRITICAL + 1)
-    try:
-        yield
-    finally:
-        for logger, level in zip(loggers, before, strict=True):
-            logger.setLevel(level)

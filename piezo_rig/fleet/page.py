@@ -120,9 +120,9 @@ def _outliers(
     if not out:
         out.append("<p>None.</p>")
     out.append(f'<p class="quiet">Robust z: 0.6745 times the distance from the median, over the '
-               f"median of all distances. Beyond ±{LIMIT:g} a value is called unusual; of a "
-               "thousand values that are only noise, about one in two thousand would be. "
-               "Skewed quantities, such as errors, have a few more.</p>")  # fmt: skip
+               f"median of all distances. Beyond ±{LIMIT:g} a value is called unusual; of "
+               "values that are only noise, one in two thousand is. Skewed quantities, such as "
+               "errors, have a few more.</p>")  # fmt: skip
     return "\n".join(out)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import socket
 import sys
 
@@ -11,6 +12,12 @@ from odd_work import half, odd
 from piezo_rig.errors import BenchError, InputError
 from piezo_rig.fleet import Item, Work, cluster
 from piezo_rig.fleet.local import on_this_computer
+
+
+@pytest.fixture(autouse=True)
+def log_as_before():
+    yield
+    logging.disable(logging.NOTSET)
 
 
 def item(name, *files):
