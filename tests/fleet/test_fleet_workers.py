@@ -5,6 +5,8 @@ from __future__ import annotations
 import logging
 import socket
 import sys
+from contextlib import nullcontext
+from dataclasses import dataclass
 
 import pytest
 from odd_work import half, odd
@@ -77,17 +79,45 @@ def test_a_cluster_does_the_same_and_says_what_its_workers_cannot_see(tmp_path, 
     assert caught.value.code == "no-scheduler"
 
 
-def test_a_cluster_that_goes_away_is_an_error_and_keeps_what_came(tmp_path, scheduler):
-    paths = [tmp_path / f"{n}.csv" for n in range(200)]
+class LostClient:
+    """A Dask client as it is when the scheduler goes away after the first file."""
+
+    status = "connecting"
+
+    def __init__(self):
+        self.submitted = 0
+
+    def submit(self, work, item, pure):
+        self.submitted += 1
+        return LostFuture(work(item), item.name, "finished" if self.submitted == 1 else "cancelled")
+
+
+@dataclass
+class LostFuture:
+    outcome: object
+    key: str
+    status: str
+
+    def add_done_callback(self, tell):
+        tell(self)
+
+    def result(self):
+        return self.outcome
+
+    def release(self):
+        pass
+
+
+def test_a_cluster_that_goes_away_is_an_error_and_keeps_what_came(tmp_path, monkeypatch):
+    paths = [tmp_path / f"{n}.csv" for n in range(3)]
     for path in paths:
         path.write_text("5")
-    came = cluster.on_cluster(
-        scheduler.scheduler_address, Work(half), [item(p.stem, p) for p in paths]
-    )
+    monkeypatch.setattr(cluster, "_look", lambda address: None)
+    monkeypatch.setattr(cluster, "_client", lambda address: nullcontext(LostClient()))
+    came = cluster.on_cluster("host:1", Work(half), [item(p.stem, p) for p in paths])
     assert next(came).row["rms_nm"] == 2.5
-    scheduler.close()
     with pytest.raises(BenchError) as caught:
-        list(came)
+        next(came)
     assert caught.value.code == "cluster-lost"
     assert caught.value.exit_status == 4
 
