@@ -61,7 +61,7 @@ study-causes: $(READY)  ## which cause is taken for which under which protocol, 
 study-thesis: $(READY)  ## plays the thesis on the simulated bench, writes docs/thesis.md
 	$(BIN)/python -m piezo_rig.studies.thesis
 
-study-actuators: $(READY)  ## 500 simulated actuators at once, docs/many-actuators.md; 15 minutes
+study-actuators: $(READY)  ## 500 simulated actuators at once, docs/many-actuators.md; 20 minutes
 	$(BIN)/python -m piezo_rig.studies.actuators
 
 study-kills: $(READY)  ## kills the runner 200 times, writes docs/kills.md; 10 minutes
