@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 RUNS ?= runs
 
-.PHONY: demo test lint types layers check wheel bench-figures docs study study-thesis study-identification study-diagnosis study-kills study-endurance study-causes study-fuzz clean help
+.PHONY: demo test lint types layers check wheel bench-figures docs study study-thesis study-identification study-diagnosis study-kills study-endurance study-causes study-fuzz study-actuators clean help
 
 demo: $(READY)  ## play quick_look on the simulated bench: run, model, figures, ladder, report
 	$(BIN)/piezo-rig run quick_look --out $(RUNS)
@@ -39,7 +39,7 @@ $(READY): pyproject.toml constraints.txt
 	$(BIN)/python -m piezo_rig.warm_up
 	touch $@
 
-study: study-thesis study-identification study-diagnosis study-kills study-endurance study-causes study-fuzz  ## everything that docs/ claims, measured again
+study: study-thesis study-identification study-diagnosis study-kills study-endurance study-causes study-fuzz study-actuators  ## everything that docs/ claims, measured again
 
 study-identification: $(READY)  ## do the bands of an identification hold? docs/identification.md
 	$(BIN)/python -m piezo_rig.studies.identification
@@ -60,6 +60,9 @@ study-causes: $(READY)  ## which cause is taken for which under which protocol, 
 
 study-thesis: $(READY)  ## plays the thesis on the simulated bench, writes docs/thesis.md
 	$(BIN)/python -m piezo_rig.studies.thesis
+
+study-actuators: $(READY)  ## 500 simulated actuators at once, docs/many-actuators.md; 20 minutes
+	$(BIN)/python -m piezo_rig.studies.actuators
 
 study-kills: $(READY)  ## kills the runner 200 times, writes docs/kills.md; 10 minutes
 	$(BIN)/python -m piezo_rig.studies.kills run --out build/study-kills.jsonl

@@ -1,16 +1,21 @@
 """Says what a model gets wrong on runs and recordings, why, and how much better it gets.
 
 Everything in DATA goes into one diagnosis. An output may be a folder (it exists, or ends in /):
-the file in it is then named after the first of DATA.
+the file in it is then named after the first of DATA. With a folder as --json every one of DATA is
+diagnosed by itself, several at a time; a folder among DATA is one actuator, and its files are
+joined.
 """
 
 from __future__ import annotations
 
 import argparse
-from typing import TYPE_CHECKING
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from pathlib import Path
+
+    from piezo_rig.fleet import Item
 
 HELP = "name what the model gets wrong, and why"
 IN_FOLDER = {
@@ -22,8 +27,10 @@ FIGURES = (".png", ".svg", ".pdf")
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     from piezo_rig.commands.data_options import add_data_arguments
+    from piezo_rig.commands.every_file import add_many_arguments
 
     add_data_arguments(parser)
+    add_many_arguments(parser)
     parser.add_argument(
         "--baseline",
         metavar="NAME or MODEL.json",
@@ -40,6 +47,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def execute(args: argparse.Namespace) -> int:
+    from piezo_rig.commands.every_file import many
+
+    return _each(args) if many(args, args.json, "--json") else _together(args)
+
+
+def _together(args: argparse.Namespace) -> int:
+    """All of DATA in one diagnosis."""
     from pathlib import Path
 
     from piezo_rig.causes import NAMED_MODELS, load_model
@@ -81,6 +95,55 @@ def execute(args: argparse.Namespace) -> int:
     if "figure" in outputs:
         print(f"figure: {ladder_figure(outputs['figure'], title, found)}")
     return 0
+
+
+def _each(args: argparse.Namespace) -> int:
+    """Every one of DATA by itself."""
+    import hashlib
+    from pathlib import Path
+
+    from piezo_rig.causes import NAMED_MODELS, load_model
+    from piezo_rig.chain.model_file import model_text
+    from piezo_rig.commands.every_file import Job, Output, every_file, is_folder, items_for
+    from piezo_rig.errors import InputError
+    from piezo_rig.resources import find
+
+    outputs = []
+    for name, ending in IN_FOLDER.items():
+        given = getattr(args, name)
+        if given is not None:
+            if name != "json" and not is_folder(given):
+                raise InputError(
+                    "usage", f"--{name.replace('_', '-')} {given} is no folder",
+                    "with a folder as --json every one of DATA has outputs of its own",
+                    "give a folder (it exists, or ends in /), or a file as --json",
+                )
+            outputs.append(Output(name, Path(given), ending))
+    items = items_for(args, outputs)
+    settings: dict[str, Any] = {"baseline": args.baseline, "seed": args.seed}
+    if args.baseline not in NAMED_MODELS:  # a slip is said once, and at once
+        path = find("calibration", args.baseline)
+        text = model_text(load_model(path))
+        args.baseline = str(path.absolute())
+        settings["baseline_sha256"] = hashlib.sha256(text.encode()).hexdigest()
+    return every_file(args, items, Job("diagnosed", _analysed, outputs, settings))
+
+
+def _analysed(options: Mapping[str, Any], item: Item, place: Path) -> dict[str, Any]:
+    """One item: its outputs in ``place``, and its row."""
+    import json
+
+    from piezo_rig.commands.every_file import about_files
+    from piezo_rig.fleet.diagnosis_row import row_of
+
+    wanted = options["outputs"]
+    about = about_files(item.files)
+    _together(argparse.Namespace(**options, data=list(item.files), **{
+        name: str(place / f"{item.name}{ending}") if ending in wanted else None
+        for name, ending in IN_FOLDER.items()
+    }))  # fmt: skip
+    text = (place / f"{item.name}{IN_FOLDER['json']}").read_text(encoding="utf-8")
+    return about | row_of(json.loads(text))
 
 
 def _outputs(args: argparse.Namespace) -> dict[str, Path]:

@@ -1,27 +1,35 @@
 """Fits a model to runs and recordings, and says how good it is on data it has not seen.
 
-With a folder as --out every file is identified by itself, in parallel.
+All DATA are one actuator's and are joined. With a folder as --out every one of DATA is identified
+by itself, several at a time; a folder among DATA is one actuator, and its files are joined.
 """
 
 from __future__ import annotations
 
 import argparse
-from typing import TYPE_CHECKING
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from pathlib import Path
+
+    from piezo_rig.fleet import Item
+    from piezo_rig.identification import Identification
+    from piezo_rig.run_file.sweep import Sweep
 
 HELP = "fit a model to runs and recordings"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     from piezo_rig.commands.data_options import add_data_arguments
+    from piezo_rig.commands.every_file import add_many_arguments
 
     add_data_arguments(parser)
+    add_many_arguments(parser)
     parser.add_argument("--model", metavar="NAME", required=True,
                         help="classical, initiation, range, extremum, range-extremum, ...")
     parser.add_argument("--out", metavar="MODEL.json", required=True,
-                        help="a folder (it exists, or ends in /): one model for every file")
+                        help="a folder: one model for every one of DATA, a table and a page")
     parser.add_argument("--scheme", choices=("least-squares", "slopes"), default="least-squares")
     parser.add_argument("--elements", type=int, metavar="N",
                         help="default: chosen by held-out data (least squares), 40 (slopes)")
@@ -32,35 +40,49 @@ def execute(args: argparse.Namespace) -> int:
     from pathlib import Path
 
     from piezo_rig.commands.console import Progress
+    from piezo_rig.commands.every_file import is_folder, many
     from piezo_rig.errors import InputError
+    from piezo_rig.identification import save_model
+    from piezo_rig.report.figures import place_for
 
     if args.elements is not None and not 1 <= args.elements <= 500:
         raise InputError("usage", f"--elements {args.elements}: expected 1 to 500",
                          "a slip on the command line", "the thesis uses 40")
-    if args.out.endswith(("/", "\\")) or Path(args.out).is_dir():
-        return _every_file(args, Path(args.out))
+    if many(args, args.out, "--out"):
+        return _each(args)
+    out = Path(args.out)
+    if is_folder(args.out):
+        out = out / f"{Path(args.data[0]).stem}_{args.model}.json"
+        with place_for(out):  # the folder is made before the work begins
+            pass
     progress = Progress()
     try:
-        print(_identified(
-            args, Path(args.out), lambda what, share: progress(f"{100 * share:3.0f} %  {what}")
-        ))
+        sweeps, found = _identified(
+            args, lambda what, share: progress(f"{100 * share:3.0f} %  {what}")
+        )
+        path = save_model(found.model, out)
     finally:
         progress.close()
+    print("\n".join([*_report(sweeps, found), f"model: {path}"]))
     return 0
 
 
-def _identified(args: argparse.Namespace, out: Path, tell: object = None) -> str:
-    """Identify all of ``args.data`` together; returns the report."""
+def _identified(
+    args: argparse.Namespace, tell: object = None
+) -> tuple[list[Sweep], Identification]:
+    """Identify all of ``args.data`` together."""
     from piezo_rig.commands.data_options import load_data
-    from piezo_rig.identification import identify, save_model
+    from piezo_rig.identification import identify
 
     sweeps, hashes = load_data(args)
-    found = identify(
+    return sweeps, identify(
         sweeps, args.model, args.scheme, args.elements, seed=args.seed,
         progress=tell,  # type: ignore[arg-type]
         runs=[{"name": name, "sha256": digest} for name, digest in sorted(hashes.items())],
     )
-    path = save_model(found.model, out)
+
+
+def _report(sweeps: list[Sweep], found: Identification) -> list[str]:
     lines = [
         f"data      {len(sweeps)} sweeps, {sum(s.samples for s in sweeps)} samples, "
         f"{len({s.condition for s in sweeps})} conditions, {sweeps[0].origin}",
@@ -84,63 +106,38 @@ def _identified(args: argparse.Namespace, out: Path, tell: object = None) -> str
     if found.bands is not None:
         lines.append(f"condition number {found.bands.condition_number:.3g}; "
                      "95 % bands by bootstrap")
-    return "\n".join([*lines, f"model: {path}"])
+    return lines
 
 
-def _alone(args: argparse.Namespace, name: str, out: Path) -> tuple[str, str, int]:
-    """One file by itself, in a process of its own: name, report, exit status."""
-    import contextlib
-    import io
-
-    from piezo_rig.errors import PiezoRigError
-
-    said = io.StringIO()
-    try:
-        with contextlib.redirect_stdout(said):
-            report = _identified(argparse.Namespace(**{**vars(args), "data": [name]}), out)
-    except PiezoRigError as error:
-        return name, error.block(), error.exit_status
-    return name, said.getvalue() + report, 0
-
-
-def _every_file(args: argparse.Namespace, folder: Path) -> int:
-    """Each file to its own model; one that cannot be identified stops none of the others."""
-    import os
-    import sys
-    from concurrent.futures import ProcessPoolExecutor, as_completed
-    from multiprocessing import get_context
+def _each(args: argparse.Namespace) -> int:
+    """Every one of DATA by itself."""
     from pathlib import Path
 
-    from piezo_rig.commands.console import Progress
-    from piezo_rig.errors import BenchError, InputError
+    from piezo_rig.causes import named_model
+    from piezo_rig.commands.every_file import Job, Output, every_file, items_for
 
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise BenchError("disk", f"could not make {folder}: {error.strerror or error}",
-                         "the name is taken, or the folder above is not yours to write",
-                         "give another --out") from None
-    stems = [Path(name).stem for name in args.data]
-    if len(set(stems)) != len(stems):
-        raise InputError("usage", "two files have the same name, so their models would too",
-                         "files of one name from different folders", "rename one of them")
-    plain = argparse.Namespace(**{k: v for k, v in vars(args).items() if k != "execute"})
-    progress, status, results = Progress(), 0, {}
-    with ProcessPoolExecutor(os.cpu_count(), mp_context=get_context("spawn")) as pool:
-        waiting = [
-            pool.submit(_alone, plain, name, folder / f"{stem}_{args.model}.json")
-            for name, stem in zip(args.data, stems, strict=True)
-        ]
-        for done, future in enumerate(as_completed(waiting), start=1):
-            name, report, code = future.result()
-            results[name] = (report, code)
-            progress(f"{done} of {len(waiting)} files")
-    progress.close()
-    for name in args.data:
-        report, code = results[name]
-        status = max(status, code)
-        print(f"== {name}" if not code else f"== {name}: failed")
-        print(report, file=sys.stderr if code else sys.stdout)
-    print(f"{sum(not code for _, code in results.values())} of {len(results)} identified; "
-          f"models: {folder}")
-    return status
+    named_model(args.model)  # a slip is said once, and at once
+    outputs = [Output("out", Path(args.out), f"_{args.model}.json")]
+    items = items_for(args, outputs)
+    settings = {n: getattr(args, n) for n in ("model", "scheme", "elements", "seed")}
+    return every_file(args, items, Job("identified", _analysed, outputs, settings))
+
+
+def _analysed(options: Mapping[str, Any], item: Item, place: Path) -> dict[str, Any]:
+    """One item: its model in ``place``, and its row."""
+    from piezo_rig.commands.every_file import about_files
+    from piezo_rig.fleet.characteristics import characteristics
+    from piezo_rig.identification import save_model
+
+    row, units = about_files(item.files), dict[str, str]()
+    sweeps, found = _identified(argparse.Namespace(**options, data=list(item.files)))
+    save_model(found.model, place / f"{item.name}_{options['model']}.json")
+    row |= {"sweeps": len(sweeps), "samples": sum(s.samples for s in sweeps)}
+    row |= {"rms_nm": found.rms_nm, "max_percent": found.max_percent,
+            "held_out": found.held_out_kind, "fitted_rms_nm": found.fitted.rms_nm}  # fmt: skip
+    row |= characteristics(found.model)
+    for stage in found.model.stages:
+        for name, parameter in stage.parameters.items():
+            row[f"{stage.id}.{name}"] = parameter.value
+            units[f"{stage.id}.{name}"] = parameter.unit
+    return row | {"units": units}

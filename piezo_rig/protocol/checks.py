@@ -82,9 +82,10 @@ def _check_rates(plan: Plan) -> None:
     exponent = math.floor(math.log10(rate) + 1e-12)
     leading = rate / 10**exponent
     if not (1e3 <= rate <= 20e6) or min(abs(leading - m) for m in (1, 2, 5)) > 1e-9:
+        line = f":{plan.protocol.rate_line}" if plan.protocol.rate_line else ""
         raise LimitError(
             "limit-rate",
-            f"{plan.protocol.path}: the digitizer cannot sample at {rate:g} Sa/s",
+            f"{plan.protocol.path}{line}: the digitizer cannot sample at {rate:g} Sa/s",
             "its grid is 1, 2 or 5 times a power of ten, from 1 kSa/s to 20 MSa/s",
             "change sample_rate in the protocol or oversampling in the rig's config",
         )

@@ -49,6 +49,7 @@ class Protocol:
     shuffle_seed: int
     approach_slew_v_per_s: float
     conditions: tuple[Condition, ...]
+    rate_line: int = 0  # of sample_rate in the file; 0 where it stands on its default
 
     def order_of(self, repeat: int) -> list[int]:
         """Indices of the conditions in the order in which one repeat (1-based) plays them."""
@@ -101,6 +102,7 @@ def parse_protocol(document: Document) -> Protocol:
         name=name, description=description, text=document.text, path=document.name,
         sample_rate=rate, repeats=repeats, history=history, order=order, shuffle_seed=seed,
         approach_slew_v_per_s=approach, conditions=tuple(_with_unique_names(conditions)),
+        rate_line=document.line(("sample_rate",)) if "sample_rate" in root else 0,
     )
 
 

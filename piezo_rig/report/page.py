@@ -7,14 +7,12 @@ recordings, of models) is escaped where it is put in.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from html import escape
 from pathlib import Path
 
 import numpy as np
 
 from piezo_rig.diagnosis import Diagnosis
 from piezo_rig.diagnosis.isolability import isolability
-from piezo_rig.report.assets import script, style
 from piezo_rig.report.closer import closer_html
 from piezo_rig.report.figures import place_for
 from piezo_rig.report.ladder_svg import ladder_svg
@@ -27,6 +25,7 @@ from piezo_rig.report.sections import (
     provenance_html,
     rest_html,
 )
+from piezo_rig.report.sheet import sheet
 from piezo_rig.report.words import verdict
 
 
@@ -67,33 +66,8 @@ def page(title: str, found: Diagnosis, files: Sequence[str], hashes: Mapping[str
         ("notes", "Notes", notes_html(found)),
         ("provenance", "Where this comes from", provenance_html(found, hashes)),
     ]  # fmt: skip
-    sections = [s for s in sections if s[2]]
-    links = "\n".join(
-        f'<a href="#{id}">{escape(head.split(":")[0])}</a>' for id, head, _ in sections
-    )
-    body = "\n".join(
-        f'<section id="{id}"><h2>{escape(head)}</h2>\n{html}</section>'
-        for id, head, html in sections
-    )
     open_ = found.unexplained.detected or any(f.alternatives for f in found.findings)
-    sentences = "".join(f"<p>{escape(s)}</p>" for s in verdict(found))
-    return f"""<!DOCTYPE html>
-<html lang="en"><head><meta charset="utf-8">
-<meta name="viewport" content="width=device-width, initial-scale=1">
-<meta name="color-scheme" content="light dark">
-<title>Diagnosis of {escape(title)}</title>
-<style>
-{style()}</style></head>
-<body><main>
-<h1>Diagnosis of {escape(title)}</h1>
-<nav>{links}</nav>
-<div class="verdict{" open" if open_ else ""}">{sentences}</div>
-{body}
-</main>
-<script>
-{script()}</script>
-</body></html>
-"""
+    return sheet(f"Diagnosis of {title}", verdict(found), open_, sections)
 
 
 def _ladder(found: Diagnosis) -> str:

@@ -43,13 +43,13 @@ def said(capsys):
 
 def test_data_given_together_are_one_diagnosis_and_folders_take_its_files(tmp_path, data, capsys):
     out = tmp_path / "new" / "place"
-    assert main(["diagnose", *data, "--json", f"{out}/", "--save-model", f"{out}/",
+    assert main(["diagnose", *data, "--json", f"{out}/d.json", "--save-model", f"{out}/",
                  "--figure", f"{out}/"]) == 0  # fmt: skip
     assert said(capsys) == {
-        "json": f"{out}/first.json", "model": f"{out}/first_extended.json",
+        "json": f"{out}/d.json", "model": f"{out}/first_extended.json",
         "figure": f"{out}/first_ladder.png",
     }  # fmt: skip
-    found = json.loads((out / "first.json").read_text())
+    found = json.loads((out / "d.json").read_text())
     assert found["schema"] == "piezo-rig/diagnosis/1"
     assert [r["name"] for r in found["data"]["recordings"]] == ["first.csv", "second.csv"]
     model = json.loads((out / "first_extended.json").read_text())

@@ -188,13 +188,14 @@ def test_a_sweep_beyond_the_generators_memory_is_refused_before_it_is_made(rig):
     assert caught.value.code == "limit-memory"
 
 
-def test_a_sample_rate_off_the_digitizers_grid_is_refused(rig):
+def test_a_sample_rate_off_the_digitizers_grid_is_refused_with_its_line(rig):
     text = "sample_rate = 3000\n" + TRIANGLE.format(
         lower=0, upper=20, start="lower", frequency=2, cycles=2
     )
     with pytest.raises(LimitError) as caught:
         plan_of(text, rig)
     assert caught.value.code == "limit-rate"
+    assert caught.value.what.startswith("test.toml:1: ")
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,71 @@
+"""The tutorial's commands do what it says, in its order."""
+
+from __future__ import annotations
+
+import json
+import re
+import shlex
+import shutil
+from pathlib import Path
+
+from piezo_rig.cli import VERBS, main
+
+CHECKOUT = Path(__file__).resolve().parents[2]
+PAGE = (CHECKOUT / "docs" / "tutorial.md").read_text(encoding="utf-8")
+BLOCK = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+
+
+def words_of(line: str) -> list[str]:
+    """A line as a shell would split it, with patterns of file names filled in."""
+    words = []
+    for word in shlex.split(line, comments=True):
+        found = sorted(str(p) for p in Path().glob(word)) if "*" in word else []
+        words += found or [word]
+    return words
+
+
+def follow() -> list[str]:
+    """Do all that the page says in the current folder; returns the verbs that were called."""
+    called = []
+    for kind, text in BLOCK.findall(PAGE):
+        if kind == "toml":
+            head = text.splitlines()[0].removeprefix("# ")
+            name = head.removeprefix("at the end of ")
+            with open(name, "a" if head != name else "w", encoding="utf-8") as handle:
+                handle.write("\n" + text)
+        elif kind == "sh":
+            for line in text.splitlines():
+                program, *words = words_of(line)
+                if program == "cp":
+                    shutil.copy(*words)
+                    continue
+                assert program == "piezo-rig", line
+                expected = re.search(r"# .*exit status (\d)", line)
+                assert main(words) == (int(expected[1]) if expected else 0), line
+                called.append(words[0])
+    return called
+
+
+def test_every_command_of_the_tutorial_does_what_the_page_says(tmp_path, monkeypatch, capsys):
+    (tmp_path / "configs").symlink_to(CHECKOUT / "configs")
+    monkeypatch.chdir(tmp_path)
+    called = follow()
+    assert called == ["doctor", "plan", "run", "show", "verify", "identify", "simulate", "diagnose"]
+    said = capsys.readouterr()
+    assert said.err == ""
+    (ladder,) = (text for kind, text in BLOCK.findall(PAGE) if kind == "text")
+    rungs = re.findall(r"^  \+ (\S+)", ladder, re.MULTILINE)
+    assert re.findall(r"^  \+ (\S+)", said.out, re.MULTILINE) == rungs
+    found = json.loads((tmp_path / "diagnosis.json").read_text())
+    hum, skew = found["findings"]
+    assert hum["cause"] == "mains-hum"
+    assert abs(hum["parameters"]["amplitude"]["value"] - 25.0) < 2.0  # as in bench.toml
+    assert skew["cause"] == "time-skew"
+    assert 0.5e-3 < skew["parameters"]["delay"]["value"] < 1.5e-3  # a sample
+    for name in ("diagnosis.html", "ladder.png", "extended.json", "predicted.csv", "model.json"):
+        assert (tmp_path / name).stat().st_size > 1000
+
+
+def test_the_tutorial_names_no_verb_that_is_not_there():
+    named = set(re.findall(r"piezo-rig (?:run --resume|([a-z]+))", PAGE)) - {""}
+    assert named <= {*VERBS, "is"}
