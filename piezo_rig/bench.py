@@ -333,11 +333,11 @@ def open_bench(
             amplifier: Any
             if rig.amplifier.driver == "manual":
                 amplifier = ManualAmplifier(
-                    rig.offset_v, rig.limits.drive_max_v, rig.amplifier.serial
+                    rig.set_voltage_v, rig.limits.drive_max_v, rig.amplifier.serial
                 )
             else:
                 amplifier = ThorlabsMDT69x(
-                    line("amplifier", rig.amplifier), rig.offset_v, rig.limits.drive_max_v
+                    line("amplifier", rig.amplifier), rig.set_voltage_v, rig.limits.drive_max_v
                 )
         # A simulated switch cannot stand wrong by accident; a real one is asked for.
         interferometer = SiosSPS120(

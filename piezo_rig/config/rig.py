@@ -15,6 +15,8 @@ from piezo_rig.config.toml_text import Document, Table
 from piezo_rig.resources import find
 
 DEFAULT_RIG = "simulated_bench"
+REST_DRIVE_TOLERANCE_V = 0.5
+"""A measured gain and offset rarely put 0 V of drive at the generator's lowest level exactly."""
 
 
 @dataclass(frozen=True)
@@ -101,13 +103,23 @@ class Rig:
         return self.amplifier_calibration.offset_v
 
     @property
+    def set_voltage_v(self) -> float:
+        """What the amplifier itself tells of its offset."""
+        return self.amplifier_calibration.set_voltage_v
+
+    @property
     def sensitivity_um_per_v(self) -> float:
         return self.interferometer_calibration.sensitivities_um_per_v[self.sensitivity_switch]
 
     @property
     def rest_command_v(self) -> float:
-        """The command at which the stack sees 0 V."""
-        return -self.offset_v / self.gain
+        """The command at which the stack sees 0 V, or as little as the generator reaches."""
+        return max(-self.offset_v / self.gain, self.command_min_v)
+
+    @property
+    def rest_drive_v(self) -> float:
+        """V on the stack at rest: 0 but for what a calibration moved it beyond the generator."""
+        return self.gain * self.rest_command_v + self.offset_v
 
 
 def _link(
@@ -122,6 +134,15 @@ def _link(
         timeout_s=table.number("timeout_s", 2.0, above=0.0, high=60.0),
         serial=table.text("serial", ""),
     )
+
+
+def _same_serial(table: Table, link: Link, calibrated: str) -> None:
+    """A calibration belongs to one instrument."""
+    if link.serial and calibrated and link.serial != calibrated:
+        raise table.error(
+            "serial", f"is '{link.serial}'; the calibration is of '{calibrated}'",
+            "name the calibration of this instrument, or calibrate it",
+        )
 
 
 def load_rig(name: str = DEFAULT_RIG) -> Rig:
@@ -183,6 +204,7 @@ def load_rig(name: str = DEFAULT_RIG) -> Rig:
     amplifier_calibration = load_amplifier(
         find("calibration", amplifier.text("calibration", "amplifier"), path.parent)
     )
+    _same_serial(amplifier, amplifier_link, amplifier_calibration.serial)
     amplifier.finish()
 
     sensor, sensor_link = _link(
@@ -192,10 +214,17 @@ def load_rig(name: str = DEFAULT_RIG) -> Rig:
     sensor_calibration = load_interferometer(
         find("calibration", sensor.text("calibration", "sios_sp_s120"), path.parent), table
     )
+    _same_serial(sensor, sensor_link, sensor_calibration.serial)
     switch = sensor.integer("sensitivity", low=0, high=6)
-    polarity = sensor.integer("polarity", -1)
+    polarity = sensor.integer("polarity", sensor_calibration.polarity or -1)
     if polarity not in (-1, 1):
         raise sensor.error("polarity", "expected 1 or -1")
+    if polarity == -sensor_calibration.polarity:
+        raise sensor.error(
+            "polarity", f"is {polarity}; the calibration {sensor_calibration.path} measured "
+            f"{sensor_calibration.polarity}",
+            "leave polarity out of the config; if the beam was turned since, calibrate again",
+        )
     sensor.finish()
 
     stack = root.table("actuator", required=False)
@@ -231,7 +260,8 @@ def load_rig(name: str = DEFAULT_RIG) -> Rig:
     root.finish()
 
     rest = -amplifier_calibration.offset_v / amplifier_calibration.gain
-    if not command_min - 1e-9 <= rest <= command_max + 1e-9:
+    slack = REST_DRIVE_TOLERANCE_V / amplifier_calibration.gain
+    if not command_min - slack <= rest <= command_max + 1e-9:
         raise dac.error(
             "command_min_v",
             f"rest (0 V on the stack) needs {rest:g} V of command, outside "

@@ -51,13 +51,13 @@ def _instruments(rig: Rig, clock: Clock) -> Iterator[Check]:
     )
     if rig.amplifier.driver == "manual":
         yield Check(
-            "note", "amplifier", f"has no link: see that its set voltage is {rig.offset_v:g} V and "
-            f"its limit {rig.limits.drive_max_v:g} V",
+            "note", "amplifier", f"has no link: see that its set voltage is {rig.set_voltage_v:g} "
+            f"V and its limit {rig.limits.drive_max_v:g} V",
         )
     else:
         yield from _instrument(
             "amplifier", rig.amplifier,
-            lambda line: ThorlabsMDT69x(line, rig.offset_v, rig.limits.drive_max_v), False,
+            lambda line: ThorlabsMDT69x(line, rig.set_voltage_v, rig.limits.drive_max_v), False,
         )
 
 

@@ -5,11 +5,13 @@ from __future__ import annotations
 import json
 import re
 import tempfile
+import tomllib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from piezo_rig.bench import Bench
 from piezo_rig.config import Rig, load_rig
+from piezo_rig.config.calibration import parts_of
 from piezo_rig.config.toml_text import Document
 from piezo_rig.errors import InputError, PiezoRigError
 from piezo_rig.protocol import Plan, build_plan
@@ -64,8 +66,10 @@ def _calibration_files(run: Run, folder: Path) -> dict[str, Path]:
     for number, text in enumerate(texts or _told_by_sweeps(run)):
         place = folder / f"calibration_{number}.toml"
         place.write_text(text, encoding="utf-8")
-        sensor = '"interferometer"' in text or "printed_um_per_v" in text
-        files["interferometer" if sensor else "amplifier"] = place
+        try:
+            files |= dict.fromkeys(parts_of(tomllib.loads(text)), place)
+        except (ValueError, RecursionError):
+            raise _cannot(run, "its calibrations cannot be read") from None
     for instrument in ("amplifier", "interferometer"):
         if instrument not in files:
             raise _cannot(run, f"holds no calibration of the {instrument}")
@@ -124,9 +128,9 @@ def past_bench(
     clock = comparison.clock
     amplifier: ManualAmplifier | ThorlabsMDT69x
     if rig.amplifier.driver == "manual":
-        amplifier = ManualAmplifier(rig.offset_v, rig.limits.drive_max_v, rig.amplifier.serial)
+        amplifier = ManualAmplifier(rig.set_voltage_v, rig.limits.drive_max_v, rig.amplifier.serial)
     else:
-        amplifier = ThorlabsMDT69x(tapes["amplifier"], rig.offset_v, rig.limits.drive_max_v)
+        amplifier = ThorlabsMDT69x(tapes["amplifier"], rig.set_voltage_v, rig.limits.drive_max_v)
     bench = Bench(
         rig, clock, Keysight33500B(tapes["waveform_dac"]),
         KeysightL4532A(tapes["digitizer"], clock), amplifier,
