@@ -11,6 +11,7 @@ from piezo_rig.config.calibration import (
     load_amplifier,
     load_interferometer,
 )
+from piezo_rig.config.environment import Environment, environment_of
 from piezo_rig.config.toml_text import Document, Table
 from piezo_rig.resources import find
 
@@ -91,6 +92,7 @@ class Rig:
     actuator: Actuator
     limits: Limits
     recovery_s: float
+    environment: Environment = field(default_factory=Environment)
     plant: dict[str, Any] = field(default_factory=dict)
     faults: dict[str, Any] = field(default_factory=dict)
 
@@ -252,6 +254,7 @@ def load_rig(name: str = DEFAULT_RIG) -> Rig:
         raise bounds.error("drive_min_v", "0 V, the rest level, must lie within the limits")
     bounds.finish()
 
+    environment = environment_of(root.table("environment", required=False))
     recovery_s = root.number("recovery_s", 30.0, low=0.0, high=86_400.0)
     plant, faults = root.raw("plant"), root.raw("faults")
     for key, given in (("plant", plant), ("faults", faults)):
@@ -273,6 +276,6 @@ def load_rig(name: str = DEFAULT_RIG) -> Rig:
         command_max_v=command_max, digitizer=setup, amplifier=amplifier_link,
         amplifier_calibration=amplifier_calibration, interferometer=sensor_link,
         interferometer_calibration=sensor_calibration, sensitivity_switch=switch,
-        polarity=polarity, actuator=actuator, limits=limits, recovery_s=recovery_s, plant=plant,
-        faults=faults,
+        polarity=polarity, actuator=actuator, limits=limits, recovery_s=recovery_s,
+        environment=environment, plant=plant, faults=faults,
     )
