@@ -10,6 +10,7 @@ from drivers.clock import Clock, RealClock
 from drivers.simulated.clock_server import ClockServer
 from drivers.simulated.keysight_33500b import SimulatedKeysight33500B
 from drivers.simulated.keysight_l4532a import SimulatedKeysightL4532A
+from drivers.simulated.nidaqmx_stand_in import SENSOR, ServedCard
 from drivers.simulated.servers import Device, LoopThread, PtyServer, TcpServer
 from drivers.simulated.thorlabs_mdt69x import SimulatedThorlabsMDT69x
 from drivers.simulated.wiring import Plant, Wiring
@@ -32,6 +33,7 @@ class SimulatedBench:
         in every exchange, so that a test may change them under way
     set_voltage_v, voltage_limit_v : as the amplifier is adjusted
     serial_lines : the instruments that are on a pseudo terminal; the others have a socket
+    card : an NI card instead of generator and digitizer
 
     ``addresses`` holds what the drivers' `open_transport` takes, for
     ``waveform_dac``, ``digitizer``, ``amplifier`` and ``clock``.
@@ -49,6 +51,7 @@ class SimulatedBench:
         set_voltage_v: float = 75.0,
         voltage_limit_v: float = 75.0,
         serial_lines: Collection[str] = ("amplifier",),
+        card: bool = False,
     ) -> None:
         serials = {**SERIAL_NUMBERS, **(serial_numbers or {})}
         for name, serial in serials.items():
@@ -71,16 +74,18 @@ class SimulatedBench:
             set_voltage_v,
             voltage_limit_v,
         )
+        generator = (self._wiring, clock, serials["waveform_dac"], self.faults["waveform_dac"])
         devices: dict[str, Device] = {
-            "waveform_dac": SimulatedKeysight33500B(
-                self._wiring, clock, serials["waveform_dac"], self.faults["waveform_dac"]
-            ),
-            "digitizer": SimulatedKeysightL4532A(
-                self._wiring, clock, serials["digitizer"], self.faults["digitizer"]
-            ),
+            "waveform_dac": (ServedCard if card else SimulatedKeysight33500B)(*generator),
             "amplifier": amplifier,
             "clock": ClockServer(clock),
         }
+        if card:
+            self.addresses["digitizer"] = SENSOR
+        else:
+            devices["digitizer"] = SimulatedKeysightL4532A(
+                self._wiring, clock, serials["digitizer"], self.faults["digitizer"]
+            )
         paced = isinstance(clock, RealClock)
         self._servers: dict[str, TcpServer | PtyServer] = {
             name: PtyServer(device, paced) if name in serial_lines else TcpServer(device)

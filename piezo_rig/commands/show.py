@@ -85,7 +85,7 @@ def _show_sweeps(run: Run) -> tuple[int, int]:
     print()
     print("sweep       condition        rep  history   samples     drive V         travel um")
     widest, wrong = None, 0
-    largest: dict[float, tuple[float, DisplacementBudget]] = {}  # by sensitivity: travel and its uncertainty
+    largest: dict[float, tuple[float, DisplacementBudget]] = {}  # by sensitivity, um
     for name, s in run.each():
         if isinstance(s, InputError):
             why = s.what.removeprefix(f"{run.path}: {name}: ")

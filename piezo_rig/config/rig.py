@@ -16,6 +16,8 @@ from piezo_rig.config.toml_text import Document, Table
 from piezo_rig.resources import find
 
 DEFAULT_RIG = "simulated_bench"
+KEYSIGHT_RANGES_V = (0.25, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 128.0, 256.0)
+CARD_RANGES_V = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0)
 REST_DRIVE_TOLERANCE_V = 0.5
 """A measured gain and offset rarely put 0 V of drive at the generator's lowest level exactly."""
 
@@ -97,6 +99,11 @@ class Rig:
     faults: dict[str, Any] = field(default_factory=dict)
 
     @property
+    def is_card(self) -> bool:
+        """Whether one card is waveform DAC and digitizer, on the waveform DAC's line."""
+        return self.waveform_dac.driver == "nidaqmx"
+
+    @property
     def gain(self) -> float:
         return self.amplifier_calibration.gain
 
@@ -138,6 +145,27 @@ def _link(
     )
 
 
+def _check_card(table: Table, setup: DigitizerSetup, dac: Link) -> None:
+    """What a card cannot do."""
+    if setup.monitor_channel:
+        raise table.error(
+            "monitor_channel", "the inputs of a card take 10 V, the drive is up to 75 V",
+            "set monitor_channel = 0",
+        )
+    if setup.oversampling != 1:
+        raise table.error(
+            "oversampling", "input and output of a card share one sample clock",
+            "set oversampling = 1, and raise sample_rate in the protocol",
+        )
+    devices = {link.address.partition("/")[0] for link in (dac, setup.link) if link.address
+               and not link.address.upper().startswith("TCPIP")}
+    if len(devices) > 1:
+        raise table.error(
+            "address", f"{setup.link.address} is not on the card of {dac.address}",
+            "input and output share the card's clock: name two channels of one card",
+        )
+
+
 def _same_serial(table: Table, link: Link, calibrated: str) -> None:
     """A calibration belongs to one instrument."""
     if link.serial and calibrated and link.serial != calibrated:
@@ -171,13 +199,21 @@ def load_rig(name: str = DEFAULT_RIG) -> Rig:
     operator = bench.text("operator", "")
     bench.finish()
 
-    dac, dac_link = _link(root, "waveform_dac", ("keysight_33500b",), simulated, ())
+    dac, dac_link = _link(root, "waveform_dac", ("keysight_33500b", "nidaqmx"), simulated, ())
     command_min = dac.number("command_min_v", -10.0, low=-10.0, high=10.0)
     command_max = dac.number("command_max_v", 0.0, low=-10.0, high=10.0)
     dac.finish()
 
-    digitizer, digitizer_link = _link(root, "digitizer", ("keysight_l4532a",), simulated, ())
-    ranges = (0.25, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 128.0, 256.0)
+    digitizer, digitizer_link = _link(
+        root, "digitizer", ("keysight_l4532a", "nidaqmx"), simulated, ()
+    )
+    card = dac_link.driver == "nidaqmx"
+    if card != (digitizer_link.driver == "nidaqmx"):
+        raise digitizer.error(
+            "driver", "a card is waveform DAC and digitizer, or neither",
+            "input and output share the card's clock: name nidaqmx under both",
+        )
+    ranges = CARD_RANGES_V if card else KEYSIGHT_RANGES_V
 
     def full_scale(key: str, default: float) -> float:
         value = digitizer.number(key, default)
@@ -193,9 +229,11 @@ def load_rig(name: str = DEFAULT_RIG) -> Rig:
         sensor_channel=digitizer.integer("sensor_channel", 2, low=1, high=2),
         sensor_range_v=full_scale("sensor_range_v", 1.0),
         monitor_channel=digitizer.integer("monitor_channel", 1, low=0, high=2),
-        monitor_range_v=full_scale("monitor_range_v", 128.0),
+        monitor_range_v=full_scale("monitor_range_v", 10.0 if card else 128.0),
         oversampling=digitizer.integer("oversampling", 1, low=1, high=100),
     )
+    if card:
+        _check_card(digitizer, setup, dac_link)
     if setup.monitor_channel == setup.sensor_channel:
         raise digitizer.error("monitor_channel", "the same channel as the sensor")
     digitizer.finish()

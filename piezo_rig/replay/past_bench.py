@@ -111,9 +111,8 @@ def past_bench(
 ) -> tuple[Bench, list[TapeTransport]]:
     """The bench of a session, its instruments played from a recording."""
     from drivers.amplifier import ManualAmplifier, ThorlabsMDT69x
-    from drivers.digitizer import KeysightL4532A
     from drivers.interferometer import SiosSPS120
-    from drivers.waveform_dac import Keysight33500B
+    from drivers.kinds import make_dac, make_digitizer
 
     links = {
         "waveform_dac": rig.waveform_dac, "digitizer": rig.digitizer.link,
@@ -131,9 +130,12 @@ def past_bench(
         amplifier = ManualAmplifier(rig.set_voltage_v, rig.limits.drive_max_v, rig.amplifier.serial)
     else:
         amplifier = ThorlabsMDT69x(tapes["amplifier"], rig.set_voltage_v, rig.limits.drive_max_v)
+    dac = make_dac(rig.waveform_dac.driver, tapes["waveform_dac"], clock)
     bench = Bench(
-        rig, clock, Keysight33500B(tapes["waveform_dac"]),
-        KeysightL4532A(tapes["digitizer"], clock), amplifier,
+        rig, clock, dac, make_digitizer(
+            rig.digitizer.link.driver, tapes["digitizer"], dac, clock, rig.digitizer.link.address,
+            rig.digitizer.sensor_channel,
+        ), amplifier,
         SiosSPS120(
             lambda question: True,  # the operator has answered then
             rig.interferometer_calibration.sensitivities_um_per_v, rig.interferometer.serial,

@@ -79,6 +79,7 @@ class Recorded:
         for key, name, query in (
             ("sensitivity_um_per_v", "interferometer", "sensitivity_um_per_v"),
             ("sample_rate", "waveform_dac", "SOUR1:FUNC:ARB:SRAT?"),
+            ("sample_rate", "waveform_dac", "AO:RATE?"),
             ("measured_rate", "digitizer", "CONF:ACQ:SRAT?"),
             ("set_voltage", "amplifier", "xvoltage?"),
             ("set_voltage", "amplifier", "set_voltage_v"),
