@@ -2,16 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any
+
+from drivers.amplifier import Amplifier, ManualAmplifier, ThorlabsMDT69x
 from drivers.clock import Clock
 from drivers.digitizer import Digitizer, KeysightL4532A
 from drivers.nidaqmx_bench import NidaqmxInput, NidaqmxOutput
 from drivers.transport import Transport
 from drivers.waveform_dac import Keysight33500B, WaveformDac
 
-WAVEFORM_DACS = ("keysight_33500b", "nidaqmx")
-DIGITIZERS = ("keysight_l4532a", "nidaqmx")
 CARD = "nidaqmx"
 """A card is waveform DAC and digitizer in one, on one line."""
+AMPLIFIERS: dict[str, Callable[[Transport, float, float], Any]] = {
+    "thorlabs_mdt69x": ThorlabsMDT69x,
+}
+"""Amplifiers with a link; called with line, set voltage and voltage limit."""
+MANUAL = "manual"
 
 
 def make_dac(driver: str, line: Transport, clock: Clock) -> WaveformDac:
@@ -34,3 +41,13 @@ def make_digitizer(
         return NidaqmxInput(dac, channel, number)
     assert line is not None
     return KeysightL4532A(line, clock)
+
+
+def make_amplifier(
+    driver: str, line: Callable[[], Transport], set_voltage_v: float, limit_v: float, serial: str
+) -> Amplifier:
+    """The amplifier; ``line`` opens its line, where it has one."""
+    if driver == MANUAL:
+        return ManualAmplifier(set_voltage_v, limit_v, serial)
+    made: Amplifier = AMPLIFIERS[driver](line(), set_voltage_v, limit_v)
+    return made

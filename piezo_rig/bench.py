@@ -294,9 +294,8 @@ def open_bench(
     ------
     see ``Bench.connect``
     """
-    from drivers.amplifier import ManualAmplifier, ThorlabsMDT69x
     from drivers.interferometer import SiosSPS120
-    from drivers.kinds import CARD, make_dac, make_digitizer
+    from drivers.kinds import CARD, make_amplifier, make_dac, make_digitizer
     from drivers.transport import open_transport
 
     with ExitStack() as stack:
@@ -336,15 +335,10 @@ def open_bench(
                 driver, None if driver == CARD else line("digitizer", link), dac, clock,
                 link.address, rig.digitizer.sensor_channel,
             )
-            amplifier: Any
-            if rig.amplifier.driver == "manual":
-                amplifier = ManualAmplifier(
-                    rig.set_voltage_v, rig.limits.drive_max_v, rig.amplifier.serial
-                )
-            else:
-                amplifier = ThorlabsMDT69x(
-                    line("amplifier", rig.amplifier), rig.set_voltage_v, rig.limits.drive_max_v
-                )
+            amplifier = make_amplifier(
+                rig.amplifier.driver, lambda: line("amplifier", rig.amplifier),
+                rig.set_voltage_v, rig.limits.drive_max_v, rig.amplifier.serial,
+            )
         # A simulated switch cannot stand wrong by accident; a real one is asked for.
         interferometer = SiosSPS120(
             (lambda question: _is_simulated(dac) or confirm(question)),
@@ -382,7 +376,8 @@ def simulated_instruments(rig: Rig, clock: Clock) -> Iterator[Rig]:
     from drivers.simulated.bench import SimulatedBench
 
     with SimulatedBench(
-        simulated_plant(rig), clock, faults=simulated_faults(rig), card=rig.is_card
+        simulated_plant(rig), clock, faults=simulated_faults(rig), card=rig.is_card,
+        amplifier=rig.amplifier.driver,
     ) as simulated:
         where = simulated.addresses
         yield replace(

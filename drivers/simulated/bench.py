@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, MutableMapping
+from collections.abc import Callable, Collection, Mapping, MutableMapping
 from types import TracebackType
 from typing import Any
 
@@ -15,6 +15,10 @@ from drivers.simulated.servers import Device, LoopThread, PtyServer, TcpServer
 from drivers.simulated.thorlabs_mdt69x import SimulatedThorlabsMDT69x
 from drivers.simulated.wiring import Plant, Wiring
 
+AMPLIFIERS: dict[str, Callable[..., Device]] = {
+    "thorlabs_mdt69x": SimulatedThorlabsMDT69x, "manual": SimulatedThorlabsMDT69x,
+}
+"""The twins of the drivers; called with wiring, serial number, faults, set voltage and limit."""
 SERIAL_NUMBERS = {"waveform_dac": "SIM00001", "digitizer": "SIM00002", "amplifier": "SIM00003"}
 
 
@@ -34,6 +38,7 @@ class SimulatedBench:
     set_voltage_v, voltage_limit_v : as the amplifier is adjusted
     serial_lines : the instruments that are on a pseudo terminal; the others have a socket
     card : an NI card instead of generator and digitizer
+    amplifier : which of ``AMPLIFIERS``
 
     ``addresses`` holds what the drivers' `open_transport` takes, for
     ``waveform_dac``, ``digitizer``, ``amplifier`` and ``clock``.
@@ -52,6 +57,7 @@ class SimulatedBench:
         voltage_limit_v: float = 75.0,
         serial_lines: Collection[str] = ("amplifier",),
         card: bool = False,
+        amplifier: str = "thorlabs_mdt69x",
     ) -> None:
         serials = {**SERIAL_NUMBERS, **(serial_numbers or {})}
         for name, serial in serials.items():
@@ -67,7 +73,7 @@ class SimulatedBench:
         if prepare is not None:
             prepare()
         self._wiring = Wiring(plant, clock)
-        amplifier = SimulatedThorlabsMDT69x(
+        high_voltage = AMPLIFIERS[amplifier](
             self._wiring,
             serials["amplifier"],
             self.faults["amplifier"],
@@ -77,7 +83,7 @@ class SimulatedBench:
         generator = (self._wiring, clock, serials["waveform_dac"], self.faults["waveform_dac"])
         devices: dict[str, Device] = {
             "waveform_dac": (ServedCard if card else SimulatedKeysight33500B)(*generator),
-            "amplifier": amplifier,
+            "amplifier": high_voltage,
             "clock": ClockServer(clock),
         }
         if card:

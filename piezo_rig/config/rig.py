@@ -16,6 +16,10 @@ from piezo_rig.config.toml_text import Document, Table
 from piezo_rig.resources import find
 
 DEFAULT_RIG = "simulated_bench"
+DAC_DRIVERS = ("keysight_33500b", "nidaqmx")
+DIGITIZER_DRIVERS = ("keysight_l4532a", "nidaqmx")
+AMPLIFIER_DRIVERS = ("thorlabs_mdt69x", "manual")
+"""The names of `drivers.kinds`; a config is read without the drivers."""
 KEYSIGHT_RANGES_V = (0.25, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 128.0, 256.0)
 CARD_RANGES_V = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0)
 REST_DRIVE_TOLERANCE_V = 0.5
@@ -199,14 +203,12 @@ def load_rig(name: str = DEFAULT_RIG) -> Rig:
     operator = bench.text("operator", "")
     bench.finish()
 
-    dac, dac_link = _link(root, "waveform_dac", ("keysight_33500b", "nidaqmx"), simulated, ())
+    dac, dac_link = _link(root, "waveform_dac", DAC_DRIVERS, simulated, ())
     command_min = dac.number("command_min_v", -10.0, low=-10.0, high=10.0)
     command_max = dac.number("command_max_v", 0.0, low=-10.0, high=10.0)
     dac.finish()
 
-    digitizer, digitizer_link = _link(
-        root, "digitizer", ("keysight_l4532a", "nidaqmx"), simulated, ()
-    )
+    digitizer, digitizer_link = _link(root, "digitizer", DIGITIZER_DRIVERS, simulated, ())
     card = dac_link.driver == "nidaqmx"
     if card != (digitizer_link.driver == "nidaqmx"):
         raise digitizer.error(
@@ -239,7 +241,7 @@ def load_rig(name: str = DEFAULT_RIG) -> Rig:
     digitizer.finish()
 
     amplifier, amplifier_link = _link(
-        root, "amplifier", ("thorlabs_mdt69x", "manual"), simulated, ("manual",)
+        root, "amplifier", AMPLIFIER_DRIVERS, simulated, ("manual",)
     )
     amplifier_calibration = load_amplifier(
         find("calibration", amplifier.text("calibration", "amplifier"), path.parent)

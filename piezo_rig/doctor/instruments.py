@@ -39,9 +39,8 @@ def one_by_one(rig: Rig) -> Iterator[Check]:
 
 
 def _instruments(rig: Rig, clock: Clock) -> Iterator[Check]:
-    from drivers.amplifier import ThorlabsMDT69x
     from drivers.digitizer import KeysightL4532A
-    from drivers.kinds import make_dac
+    from drivers.kinds import make_amplifier, make_dac
 
     yield from _instrument(
         "waveform_dac", rig.waveform_dac,
@@ -59,7 +58,9 @@ def _instruments(rig: Rig, clock: Clock) -> Iterator[Check]:
     else:
         yield from _instrument(
             "amplifier", rig.amplifier,
-            lambda line: ThorlabsMDT69x(line, rig.set_voltage_v, rig.limits.drive_max_v), False,
+            lambda line: make_amplifier(
+                rig.amplifier.driver, lambda: line, rig.set_voltage_v, rig.limits.drive_max_v, ""
+            ), False,
         )
 
 

@@ -110,9 +110,8 @@ def past_bench(
     rig: Rig, records: Sequence[WireRecord], comparison: Comparison
 ) -> tuple[Bench, list[TapeTransport]]:
     """The bench of a session, its instruments played from a recording."""
-    from drivers.amplifier import ManualAmplifier, ThorlabsMDT69x
     from drivers.interferometer import SiosSPS120
-    from drivers.kinds import make_dac, make_digitizer
+    from drivers.kinds import make_amplifier, make_dac, make_digitizer
 
     links = {
         "waveform_dac": rig.waveform_dac, "digitizer": rig.digitizer.link,
@@ -125,11 +124,10 @@ def past_bench(
         for name in INSTRUMENTS if name in links
     }
     clock = comparison.clock
-    amplifier: ManualAmplifier | ThorlabsMDT69x
-    if rig.amplifier.driver == "manual":
-        amplifier = ManualAmplifier(rig.set_voltage_v, rig.limits.drive_max_v, rig.amplifier.serial)
-    else:
-        amplifier = ThorlabsMDT69x(tapes["amplifier"], rig.set_voltage_v, rig.limits.drive_max_v)
+    amplifier = make_amplifier(
+        rig.amplifier.driver, lambda: tapes["amplifier"], rig.set_voltage_v,
+        rig.limits.drive_max_v, rig.amplifier.serial,
+    )
     dac = make_dac(rig.waveform_dac.driver, tapes["waveform_dac"], clock)
     bench = Bench(
         rig, clock, dac, make_digitizer(
