@@ -40,7 +40,7 @@ AT_REST_V = 0.02
 """Of command, 0.15 V on the stack: what a measured level may be off without being elsewhere."""
 RAMP_RATE = 5000.0
 _POLL_S = 0.005
-_LOOK_S = 0.05
+_LOOK_S = 0.1
 _BLOCK_SAMPLES = 250_000
 _FULL_SCALE = 32767
 
@@ -114,7 +114,7 @@ class NidaqmxOutput:
         begun = clock.now()
         if not self._is_done():  # somebody else's, perhaps: the card knows how long it is
             longest_s = self._number("AO:POIN?") / self._number("AO:RATE?")
-            self._await_end(longest_s, clock, _LOOK_S)
+            self._await_end(longest_s, clock)
         from_v = self.output_level()
         points = max(2, math.ceil(abs(from_v - rest_v) / slew_v_per_s * RAMP_RATE))
         ramp = np.append(np.linspace(from_v, rest_v, points), rest_v)
@@ -175,21 +175,21 @@ class NidaqmxOutput:
     def _is_done(self) -> bool:
         return self._number("AO:DONE?") != 0
 
-    def _await_end(self, duration_s: float, clock: Clock, first_look_s: float = math.inf) -> None:
+    def _await_end(self, duration_s: float, clock: Clock) -> None:
         """Return when no burst plays; at most its length and the line's timeout.
 
-        The first look is after ``duration_s``, or after ``first_look_s`` and then as often.
+        It looks again and again, because a guard that is gone in mid-burst has left the output
+        frozen, and shows only when it is asked.
         """
         begun, margin_s = clock.now(), self.link.transport.timeout_s
-        patience, pause_s = RealClock(), min(duration_s, first_look_s)
+        patience, left_s = RealClock(), duration_s
         while True:
-            clock.sleep(pause_s)
+            clock.sleep(min(_LOOK_S, left_s) if left_s > 0 else _POLL_S)
             if self._is_done():
                 return
-            pause_s = min(_POLL_S if pause_s == duration_s else pause_s, first_look_s)
+            left_s = duration_s - (clock.now() - begun)
             # On a virtual clock real time stands for the instrument's own slowness.
-            overdue = clock.now() - begun > duration_s + margin_s
-            if overdue or patience.now() > duration_s + margin_s:
+            if left_s < -margin_s or patience.now() > duration_s + margin_s:
                 raise InstrumentError(
                     "instrument-timeout", self.link.name,
                     f"a burst of {duration_s:.3g} s did not end",

@@ -112,7 +112,10 @@ def _rows(path: Path) -> list[tuple[int, list[str]]]:
     separator = max(";\t,", key=body[0][1].count)
     rows = []
     for number, line in body:
-        cells = next(csv.reader(io.StringIO(line), delimiter=separator))
+        try:
+            cells = next(csv.reader(io.StringIO(line), delimiter=separator))
+        except (csv.Error, StopIteration) as error:
+            raise _bad(path, f"line {number}: {error}", "not a table of points") from None
         rows.append((number, [c.replace(",", ".") if separator != "," else c for c in cells]))
     return rows
 

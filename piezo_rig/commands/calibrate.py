@@ -11,9 +11,11 @@ import argparse
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
     from pathlib import Path
 
     from piezo_rig.calibrate.points import Points
+    from piezo_rig.config.toml_text import Document
 
 HELP = "fit gain, offset and sensitivity to measured points"
 
@@ -45,6 +47,7 @@ def execute(args: argparse.Namespace) -> int:
     from piezo_rig.calibrate.document import calibration_text
     from piezo_rig.calibrate.points import read_points
     from piezo_rig.config.calibration import sha256_of
+    from piezo_rig.config.toml_text import Document
 
     said = _said(args)
     before = _before(args.update)
@@ -55,6 +58,7 @@ def execute(args: argparse.Namespace) -> int:
         parts[points.instrument] = part(points, args, before, said)
     text = calibration_text(parts)
     path = Path(args.out)
+    _check(parts, Document(text, str(path), "calibration"))
     _write(path, text)
     print(f"calibration: {path}")
     print(f"sha256: {sha256_of(text)}")
@@ -88,11 +92,7 @@ def _said(args: argparse.Namespace) -> dict[str, str]:
 
 def _before(name: str | None) -> dict[str, dict[str, Any]]:
     """What an earlier calibration file says, by instrument, checked as a rig would."""
-    from piezo_rig.config.calibration import (
-        amplifier_of,
-        interferometer_of,
-        parts_of,
-    )
+    from piezo_rig.config.calibration import parts_of
     from piezo_rig.config.toml_text import Document
     from piezo_rig.resources import find
 
@@ -100,11 +100,18 @@ def _before(name: str | None) -> dict[str, dict[str, Any]]:
         return {}
     document = Document.load(find("calibration", name), "calibration", "calibration file")
     parts = parts_of(document.data)
+    _check(parts, document)
+    return parts
+
+
+def _check(parts: Mapping[str, Any], document: Document) -> None:
+    """Read a calibration as a rig would; ``InputError`` for what a rig would refuse."""
+    from piezo_rig.config.calibration import amplifier_of, interferometer_of
+
     if "amplifier" in parts:
         amplifier_of(document)
     if "interferometer" in parts:
         interferometer_of(document, "printed")
-    return parts
 
 
 def _shipped(instrument: str) -> dict[str, Any]:

@@ -263,6 +263,8 @@ def test_rest_is_as_near_to_0_v_as_the_generator_comes(tmp_path, offset, rest_v)
     ([(-10, 0), (-9, "7,5"), (0, 75)], "points", "line 3"),
     ([(-10, 0), (-9, ""), (0, 75)], "points", "line 3: drive_v is empty"),
     ([(-10, 0), (-9, "nan"), (0, 75)], "points", "not a number"),
+    ([(-10, 0), (-9, "7" * 200_000), (0, 75)], "points", "line 3"),
+    ([(-10, 0), (-9, "\0"), (0, 75)], "points", "line 3"),
 ])
 def test_points_that_cannot_be_right_are_refused(tmp_path, capsys, rows, code, says):
     said = refused(write(tmp_path, "command_v,drive_v", rows), capsys)
@@ -300,6 +302,14 @@ def test_warnings_are_printed(tmp_path, capsys):
     said = capsys.readouterr().out
     for words in ("7.5 V/V was expected", "offset is", "stated uncertainties allow"):
         assert words in said
+
+
+def test_what_no_rig_would_read_is_not_written(tmp_path, capsys):
+    points = write(tmp_path, "command_v,drive_v", amplifier_rows(1500.0))
+    status, path = calibrate(points)
+    assert status == 2
+    assert not path.exists()
+    assert "gain: 1500 is above 1000" in capsys.readouterr().err
 
 
 def test_points_are_not_written_over(tmp_path, capsys):

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import ast
+import importlib.util
 import inspect
 import sys
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -64,28 +67,31 @@ def code_of(action) -> str:
     return caught.value.code
 
 
-def test_the_stand_in_has_the_interface_of_the_package():
-    nidaqmx = pytest.importorskip("nidaqmx")
-    from nidaqmx.constants import AcquisitionType
-    from nidaqmx.system import System
-    from nidaqmx.system.device import Device
-    from nidaqmx.task._timing import Timing
-    from nidaqmx.task.collections import AIChannelCollection, AOChannelCollection
+def arguments(file: str, function: str) -> set[str]:
+    """Of a function in the package's own source, which takes seconds to import."""
+    found = importlib.util.find_spec("nidaqmx")
+    if found is None or found.origin is None:
+        pytest.skip("the nidaqmx package is not installed")
+    tree = ast.parse((Path(found.origin).parent / file).read_text(encoding="utf-8"))
+    (node,) = {n.name: n for n in ast.walk(tree)
+               if isinstance(n, ast.FunctionDef) and n.name == function}.values()
+    return {a.arg for a in (*node.args.posonlyargs, *node.args.args, *node.args.kwonlyargs)}
 
-    pairs = [(getattr(Task, name), getattr(nidaqmx.Task, name))
-             for name in ("write", "read", "start", "stop", "close", "is_task_done")]
-    pairs += [(Task._clock, Timing.cfg_samp_clk_timing),
-              (Task._add_output, AOChannelCollection.add_ao_voltage_chan),
-              (Task._add_input, AIChannelCollection.add_ai_voltage_chan)]
-    for ours, theirs in pairs:
-        known = inspect.signature(theirs).parameters
-        for name in inspect.signature(ours).parameters:
-            assert name in known, f"{ours.__name__}({name})"
-    assert AcquisitionType.FINITE
-    assert issubclass(nidaqmx.errors.DaqError, nidaqmx.errors.Error)
-    for name in ("product_type", "serial_num", "is_simulated"):
-        assert isinstance(getattr(Device, name), property)
-    assert {"local", "devices", "driver_version"} <= set(dir(System))
+
+@pytest.mark.parametrize(("ours", "file", "theirs"), [
+    *((getattr(Task, name), "task/_task.py", name)
+      for name in ("write", "read", "start", "stop", "is_task_done")),
+    (Task.close, "task/_task.py", "clear"),  # of which it is another name
+    (Task._clock, "task/_timing.py", "cfg_samp_clk_timing"),
+    (Task._add_output, "task/collections/_ao_channel_collection.py", "add_ao_voltage_chan"),
+    (Task._add_input, "task/collections/_ai_channel_collection.py", "add_ai_voltage_chan"),
+    (lambda self: 0, "system/device.py", "product_type"),
+    (lambda self: 0, "system/device.py", "serial_num"),
+    (lambda self: 0, "system/device.py", "is_simulated"),
+    (lambda self: 0, "system/system.py", "driver_version"),
+])
+def test_the_stand_in_has_the_interface_of_the_package(ours, file, theirs):
+    assert set(inspect.signature(ours).parameters) <= arguments(file, theirs)
 
 
 def test_a_card_says_who_it_is_and_a_simulated_one_that_it_is_simulated(card):
@@ -118,7 +124,7 @@ def test_a_sweep_is_played_and_recorded_at_the_same_instants(card):
     volts = card.digitizer.fetch([2], 1000)[2]
     assert card.clock.now() == pytest.approx(begun + 1.001, abs=0.02)
     assert card.plant.stack_v(begun + 0.5005) == pytest.approx(37.5, abs=0.1)
-    assert card.plant.stack_v(card.clock.now()) == pytest.approx(0.0, abs=0.01)
+    assert card.plant.stack_v(card.clock.now() + 1e-3) == pytest.approx(0.0, abs=0.01)
     # polarity -1: the sensor falls as the stack rises, and is lowest where the drive turns
     assert volts.shape == (1000,)
     assert abs(int(volts.argmin()) - 500) <= 3
