@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from piezo_rig.calibrate.line import Line, bend, fit_line, student, worst_point
-from piezo_rig.calibrate.points import Points
+from piezo_rig.calibrate.points import COLUMNS, Points
 from piezo_rig.errors import InputError
 
 FEWEST = 3
@@ -110,6 +110,10 @@ def _check_scatter(points: Points) -> None:
 def _warnings(points: Points, line: Line) -> list[str]:
     span, unit = float(np.ptp(points.y)), points.unit
     found = []
+    if points.u is None and line.residual < 1e-7 * span:
+        found.append("the points scatter less than any meter reads: what the reference itself is "
+                     f"uncertain by is not in it; state {COLUMNS[points.instrument][2]} or "
+                     "--reference-percent")
     relative = line.coverage * line.slope_u / abs(line.slope)
     if relative > LOOSE:
         found.append(f"the slope is known to {100 * relative:.1f} % only (95 %): "

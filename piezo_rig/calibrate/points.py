@@ -22,6 +22,8 @@ COLUMNS = {
 """By instrument: what was set or read, the reference, and the reference's standard uncertainty."""
 _KNOWN = tuple(name for names in COLUMNS.values() for name in names)
 _LARGEST = 1e9
+MOST_UNEQUAL = 1e4
+"""Of stated uncertainties: beyond it one point alone would be the line."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,6 +97,9 @@ def read_points(path: Path) -> list[Points]:
                                "a standard uncertainty is missing",
                                f"state {u} for every point, or leave the column out")
             stated = np.array([value for _, _, _, value in taken], float)
+            if stated.max() > MOST_UNEQUAL * stated.min():
+                raise _bad(path, f"{u} goes from {stated.min():.3g} to {stated.max():.3g}",
+                           "another unit in some rows", "state all of them in the unit of the name")
         found.append(Points(
             instrument, np.array([p[1] for p in taken], float),
             np.array([p[2] for p in taken], float), stated, tuple(p[0] for p in taken), str(path),

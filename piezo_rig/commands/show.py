@@ -68,8 +68,21 @@ def _show_head(run: Run) -> None:
             print(f"{name:<16} {_line(record.get('idn', ''))}")
     except InputError as error:
         print(f"instruments: {error.what}")
+    for path, digest in _calibrations(run).items():
+        print(f"calibrated by    {_line(path)}, sha256 {_line(digest)[:16]}")
     for name, why in run.unreadable.items():
         print(f"{_line(name)}: {why}")
+
+
+def _calibrations(run: Run) -> dict[str, str]:
+    """Path and hash of the calibration files; what is damaged is `verify`'s to say."""
+    import json
+
+    try:
+        found = json.loads(run.texts.get("calibrations", "{}"))
+    except (ValueError, RecursionError):
+        return {}
+    return found if isinstance(found, dict) else {}
 
 
 def _show_sweeps(run: Run) -> tuple[int, int]:

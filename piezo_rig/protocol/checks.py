@@ -20,6 +20,9 @@ from piezo_rig.protocol.plan import (
 )
 from piezo_rig.protocol.protocol_file import Condition
 
+CARD_LSB_V = 20.0 / 65_536
+"""Of an NI card, whose 16 bit are those of +-10 V whatever it plays."""
+
 
 @dataclass(frozen=True)
 class Extremes:
@@ -60,7 +63,7 @@ def extremes(plan: Plan) -> Extremes:
     return Extremes(
         drive_min_v=low, drive_max_v=high, slew_v_per_s=slew,
         current_a=slew * stack.capacitance_f * stack.large_signal_factor,
-        dac_lsb_v=max(_lsb_v(w) for w in waves) * plan.rig.gain,
+        dac_lsb_v=plan.rig.gain * (CARD_LSB_V if plan.rig.is_card else max(map(_lsb_v, waves))),
         travel_um=travel, sensor_v=travel / plan.rig.sensitivity_um_per_v,
     )
 

@@ -164,7 +164,7 @@ def test_both_pairs_go_into_one_file_that_a_rig_uses(tmp_path, capsys):
     assert main(["plan", "quick_look", "--rig", str(rig)]) == 0
 
 
-def test_a_run_refers_to_the_file_by_its_hash_and_verifies(tmp_path, monkeypatch):
+def test_a_run_refers_to_the_file_by_its_hash_and_verifies(tmp_path, monkeypatch, capsys):
     import hashlib
 
     from piezo_rig.run_file.reader import Run
@@ -184,6 +184,9 @@ def test_a_run_refers_to_the_file_by_its_hash_and_verifies(tmp_path, monkeypatch
     assert Run(run).sweeps()[0].offset_v == pytest.approx(75.1, abs=0.02)
     assert main(["verify", str(run)]) == 0
     assert main(["replay", str(run)]) == 0
+    capsys.readouterr()
+    assert main(["show", str(run)]) == 0
+    assert hashlib.sha256(path.read_bytes()).hexdigest()[:16] in capsys.readouterr().out
 
 
 def test_an_update_keeps_what_was_not_measured(tmp_path):
@@ -294,6 +297,12 @@ def test_columns_that_are_not_known_are_refused(tmp_path, capsys, header):
     assert "error[calibration-points]" in refused(write(tmp_path, header, rows), capsys)
 
 
+def test_uncertainties_of_two_units_in_one_column_are_refused(tmp_path, capsys):
+    rows = [(c, d, 0.001 if c < -1 else 1e5) for c, d in amplifier_rows()]
+    said = refused(write(tmp_path, "command_v,drive_v,drive_u_v", rows), capsys)
+    assert "drive_u_v goes from 0.001 to 1e+05" in said
+
+
 def test_warnings_are_printed(tmp_path, capsys):
     points = write(tmp_path, "command_v,drive_v,drive_u_v",
                    [(c, 10.0 * c + 90 + 0.05 * s, 0.001) for c, s in ((-9, 1), (-4, -2), (0, 1))])
@@ -310,6 +319,11 @@ def test_what_no_rig_would_read_is_not_written(tmp_path, capsys):
     assert status == 2
     assert not path.exists()
     assert "gain: 1500 is above 1000" in capsys.readouterr().err
+
+
+def test_points_without_any_scatter_are_remarked_on(tmp_path, capsys):
+    calibrate(write(tmp_path, "command_v,drive_v", amplifier_rows(wiggle=0.0)))
+    assert "state drive_u_v or --reference-percent" in capsys.readouterr().out
 
 
 def test_points_are_not_written_over(tmp_path, capsys):
