@@ -38,7 +38,8 @@ _BYTES_PER_SECOND = 1e6  # of a slow network
 class Digitizer(Protocol):
     """What records the drive monitor and the sensor at the same instants."""
 
-    identity: Identity | None
+    @property
+    def identity(self) -> Identity | None: ...
 
     def connect(self) -> Identity: ...
 

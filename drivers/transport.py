@@ -120,7 +120,7 @@ class Deadlines:
         return max(0.0, self.until() - time.monotonic())
 
 
-class _BufferedTransport(Deadlines, abc.ABC):
+class BufferedTransport(Deadlines, abc.ABC):
     """Line and count framing over a subclass's `_receive`, `_send`, `_open` and `_shut`."""
 
     def __init__(
@@ -254,7 +254,7 @@ def _resource_manager() -> Any:
     return pyvisa.ResourceManager("@py")
 
 
-class VisaTransport(_BufferedTransport):
+class VisaTransport(BufferedTransport):
     """A TCP socket (``TCPIP::host::port::SOCKET``) or a USB instrument, through PyVISA."""
 
     def _open(self) -> None:
@@ -392,7 +392,7 @@ class VisaTransport(_BufferedTransport):
         return bytes(data)
 
 
-class SerialTransport(_BufferedTransport):
+class SerialTransport(BufferedTransport):
     """A serial line or a pseudo terminal, 115200 8N1, through pyserial."""
 
     def _open(self) -> None:
@@ -448,9 +448,13 @@ def open_transport(
     """Open the line that an address of the rig's config names.
 
     ``TCPIP::...`` and ``USB...`` go through PyVISA; a device path, ``COM3`` or
-    ``ASRL...`` through pyserial. InstrumentError instrument-refused when nothing
-    is there.
+    ``ASRL...`` through pyserial; ``Dev1/ao0`` is a card of this computer.
+    InstrumentError instrument-refused when nothing is there.
     """
+    from drivers.nidaqmx_card import CardTransport, is_card
+
+    if is_card(address):
+        return CardTransport(address, instrument, timeout_s, observer)
     if re.match(r"(TCPIP|USB|GPIB)\d*::", address, re.IGNORECASE):
         return VisaTransport(address, instrument, timeout_s, observer)
     port = re.sub(r"^ASRL|::INSTR$", "", address, flags=re.IGNORECASE)

@@ -62,7 +62,8 @@ _TOLERANCE_V = 1e-3
 class WaveformDac(Protocol):
     """What plays a sweep's waveform; volts are command volts."""
 
-    identity: Identity | None
+    @property
+    def identity(self) -> Identity | None: ...
 
     def connect(self) -> Identity: ...
 

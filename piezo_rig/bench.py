@@ -294,11 +294,9 @@ def open_bench(
     ------
     see ``Bench.connect``
     """
-    from drivers.amplifier import ManualAmplifier, ThorlabsMDT69x
-    from drivers.digitizer import KeysightL4532A
     from drivers.interferometer import SiosSPS120
+    from drivers.kinds import CARD, make_amplifier, make_dac, make_digitizer
     from drivers.transport import open_transport
-    from drivers.waveform_dac import Keysight33500B
 
     with ExitStack() as stack:
         if rig.simulated:
@@ -321,24 +319,26 @@ def open_bench(
 
         keeper = Unguarded()
         bench: Bench | None = None
+        driver = rig.waveform_dac.driver
         with instrument_errors():
             if rig.simulated:
-                dac = Keysight33500B(line("waveform_dac", rig.waveform_dac))
+                dac = make_dac(driver, line("waveform_dac", rig.waveform_dac), clock)
             else:
                 keeper = guard = Keeper(orders(rig, report), tell)
                 stack.callback(lambda: guard.end(bench is None or bench.may_be_left))
-                dac = Keysight33500B(guard.transport(watch("waveform_dac")))
+                dac = make_dac(driver, guard.transport(watch("waveform_dac")), clock)
                 stack.callback(dac.close)
-            digitizer = KeysightL4532A(line("digitizer", rig.digitizer.link), clock)
-            amplifier: Any
-            if rig.amplifier.driver == "manual":
-                amplifier = ManualAmplifier(
-                    rig.offset_v, rig.limits.drive_max_v, rig.amplifier.serial
-                )
-            else:
-                amplifier = ThorlabsMDT69x(
-                    line("amplifier", rig.amplifier), rig.offset_v, rig.limits.drive_max_v
-                )
+            link = rig.digitizer.link
+            if driver == CARD:
+                watch("digitizer")("event", b"opened on the line of waveform_dac")
+            digitizer = make_digitizer(
+                driver, None if driver == CARD else line("digitizer", link), dac, clock,
+                link.address, rig.digitizer.sensor_channel,
+            )
+            amplifier = make_amplifier(
+                rig.amplifier.driver, lambda: line("amplifier", rig.amplifier),
+                rig.set_voltage_v, rig.limits.drive_max_v, rig.amplifier.serial,
+            )
         # A simulated switch cannot stand wrong by accident; a real one is asked for.
         interferometer = SiosSPS120(
             (lambda question: _is_simulated(dac) or confirm(question)),
@@ -357,7 +357,7 @@ def orders(rig: Rig, report: Path | None) -> Orders:
         rest_command_v=rig.rest_command_v,
         slew_v_per_s=RAMP_SHARE * rig.limits.rest_slew_v_per_s / rig.gain,
         gain=rig.gain, offset_v=rig.offset_v,
-        report=str(report.resolve()) if report else "",
+        report=str(report.resolve()) if report else "", driver=rig.waveform_dac.driver,
     )
 
 
@@ -375,7 +375,10 @@ def simulated_instruments(rig: Rig, clock: Clock) -> Iterator[Rig]:
     """
     from drivers.simulated.bench import SimulatedBench
 
-    with SimulatedBench(simulated_plant(rig), clock, faults=simulated_faults(rig)) as simulated:
+    with SimulatedBench(
+        simulated_plant(rig), clock, faults=simulated_faults(rig), card=rig.is_card,
+        amplifier=rig.amplifier.driver,
+    ) as simulated:
         where = simulated.addresses
         yield replace(
             rig,

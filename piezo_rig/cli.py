@@ -33,6 +33,7 @@ VERBS = {
     "bench": "bench",
     "show": "show",
     "verify": "verify",
+    "calibrate": "calibrate",
     "doctor": "doctor",
     "replay": "replay",
 }

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, MutableMapping
+from collections.abc import Callable, Collection, Mapping, MutableMapping
 from types import TracebackType
 from typing import Any
 
@@ -10,10 +10,15 @@ from drivers.clock import Clock, RealClock
 from drivers.simulated.clock_server import ClockServer
 from drivers.simulated.keysight_33500b import SimulatedKeysight33500B
 from drivers.simulated.keysight_l4532a import SimulatedKeysightL4532A
+from drivers.simulated.nidaqmx_stand_in import SENSOR, ServedCard
 from drivers.simulated.servers import Device, LoopThread, PtyServer, TcpServer
 from drivers.simulated.thorlabs_mdt69x import SimulatedThorlabsMDT69x
 from drivers.simulated.wiring import Plant, Wiring
 
+AMPLIFIERS: dict[str, Callable[..., Device]] = {
+    "thorlabs_mdt69x": SimulatedThorlabsMDT69x, "manual": SimulatedThorlabsMDT69x,
+}
+"""The twins of the drivers; called with wiring, serial number, faults, set voltage and limit."""
 SERIAL_NUMBERS = {"waveform_dac": "SIM00001", "digitizer": "SIM00002", "amplifier": "SIM00003"}
 
 
@@ -32,6 +37,8 @@ class SimulatedBench:
         in every exchange, so that a test may change them under way
     set_voltage_v, voltage_limit_v : as the amplifier is adjusted
     serial_lines : the instruments that are on a pseudo terminal; the others have a socket
+    card : an NI card instead of generator and digitizer
+    amplifier : which of ``AMPLIFIERS``
 
     ``addresses`` holds what the drivers' `open_transport` takes, for
     ``waveform_dac``, ``digitizer``, ``amplifier`` and ``clock``.
@@ -49,6 +56,8 @@ class SimulatedBench:
         set_voltage_v: float = 75.0,
         voltage_limit_v: float = 75.0,
         serial_lines: Collection[str] = ("amplifier",),
+        card: bool = False,
+        amplifier: str = "thorlabs_mdt69x",
     ) -> None:
         serials = {**SERIAL_NUMBERS, **(serial_numbers or {})}
         for name, serial in serials.items():
@@ -64,23 +73,25 @@ class SimulatedBench:
         if prepare is not None:
             prepare()
         self._wiring = Wiring(plant, clock)
-        amplifier = SimulatedThorlabsMDT69x(
+        high_voltage = AMPLIFIERS[amplifier](
             self._wiring,
             serials["amplifier"],
             self.faults["amplifier"],
             set_voltage_v,
             voltage_limit_v,
         )
+        generator = (self._wiring, clock, serials["waveform_dac"], self.faults["waveform_dac"])
         devices: dict[str, Device] = {
-            "waveform_dac": SimulatedKeysight33500B(
-                self._wiring, clock, serials["waveform_dac"], self.faults["waveform_dac"]
-            ),
-            "digitizer": SimulatedKeysightL4532A(
-                self._wiring, clock, serials["digitizer"], self.faults["digitizer"]
-            ),
-            "amplifier": amplifier,
+            "waveform_dac": (ServedCard if card else SimulatedKeysight33500B)(*generator),
+            "amplifier": high_voltage,
             "clock": ClockServer(clock),
         }
+        if card:
+            self.addresses["digitizer"] = SENSOR
+        else:
+            devices["digitizer"] = SimulatedKeysightL4532A(
+                self._wiring, clock, serials["digitizer"], self.faults["digitizer"]
+            )
         paced = isinstance(clock, RealClock)
         self._servers: dict[str, TcpServer | PtyServer] = {
             name: PtyServer(device, paced) if name in serial_lines else TcpServer(device)

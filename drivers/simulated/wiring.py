@@ -34,7 +34,9 @@ class Plant(Protocol):
 
     def set_level(self, t: float, command_v: float) -> None: ...
 
-    def play(self, t: float, command_v: NDArray[np.float64], rate: float) -> None: ...
+    def play(
+        self, t: float, command_v: NDArray[np.float64], rate: float, holds_last: bool = False
+    ) -> None: ...
 
     def set_amplifier_offset(self, t: float, volts: float) -> None: ...
 
@@ -78,8 +80,10 @@ class Wiring:
     def set_level(self, t: float, command_v: float) -> None:
         self.plant.set_level(t, command_v)
 
-    def play(self, t: float, command_v: NDArray[np.float64], rate: float) -> None:
-        self.plant.play(t, command_v, rate)
+    def play(
+        self, t: float, command_v: NDArray[np.float64], rate: float, holds_last: bool = False
+    ) -> None:
+        self.plant.play(t, command_v, rate, holds_last)
 
     def set_amplifier_offset(self, volts: float) -> None:
         self.plant.set_amplifier_offset(self.now(), volts)

@@ -42,7 +42,10 @@ def execute(args: argparse.Namespace) -> int:
         plant = simulated_plant(rig)
         if args.record:
             stack.enter_context(_recording(plant, Path(args.record), clock))
-        bench = stack.enter_context(SimulatedBench(plant, clock, faults=simulated_faults(rig)))
+        bench = stack.enter_context(SimulatedBench(
+            plant, clock, faults=simulated_faults(rig), card=rig.is_card,
+            amplifier=rig.amplifier.driver,
+        ))
         for name, address in bench.addresses.items():
             print(f"{name}: {address}", flush=True)
         if args.config_out:

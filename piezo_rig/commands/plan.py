@@ -64,6 +64,9 @@ def execute(args: argparse.Namespace) -> int:
     print("checked                 asked for                  limit")
     for name, asked, limit in table:
         print(f"{name:<23} {asked:<26} {limit}")
+    if rig.rest_drive_v > 0.005:
+        print(f"note: the generator's lowest level leaves {rig.rest_drive_v:.3f} V on the stack "
+              "at rest; drives below that are played as that")
     condition, wave = max(plan.conditions(), key=lambda c: float(c[1].drive_v.max()))
     print()
     print(draw(

@@ -6,6 +6,7 @@ import argparse
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from piezo_rig.run_file.budget import DisplacementBudget
     from piezo_rig.run_file.reader import Run
 
 HELP = "summarise a run"
@@ -67,8 +68,21 @@ def _show_head(run: Run) -> None:
             print(f"{name:<16} {_line(record.get('idn', ''))}")
     except InputError as error:
         print(f"instruments: {error.what}")
+    for path, digest in _calibrations(run).items():
+        print(f"calibrated by    {_line(path)}, sha256 {_line(digest)[:16]}")
     for name, why in run.unreadable.items():
         print(f"{_line(name)}: {why}")
+
+
+def _calibrations(run: Run) -> dict[str, str]:
+    """Path and hash of the calibration files; what is damaged is `verify`'s to say."""
+    import json
+
+    try:
+        found = json.loads(run.texts.get("calibrations", "{}"))
+    except (ValueError, RecursionError):
+        return {}
+    return found if isinstance(found, dict) else {}
 
 
 def _show_sweeps(run: Run) -> tuple[int, int]:
@@ -84,6 +98,7 @@ def _show_sweeps(run: Run) -> tuple[int, int]:
     print()
     print("sweep       condition        rep  history   samples     drive V         travel um")
     widest, wrong = None, 0
+    largest: dict[float, tuple[float, DisplacementBudget]] = {}  # by sensitivity, um
     for name, s in run.each():
         if isinstance(s, InputError):
             why = s.what.removeprefix(f"{run.path}: {name}: ")
@@ -101,6 +116,12 @@ def _show_sweeps(run: Run) -> tuple[int, int]:
         print(f"{s.name}  {s.condition:<16} {s.repeat:>3}  {s.history:<8} {s.samples:>8}  {reach}"
               + ("" if s.resumed_after_s is None else f"  resumed after {s.resumed_after_s:.0f} s")
               + (f"  ({missing} samples missing)" if missing else ""))
+        if finite.any() and abs(travel[finite]).max() >= largest.get(
+            s.sensitivity_um_per_v, (0.0,)
+        )[0]:
+            largest[s.sensitivity_um_per_v] = (
+                float(abs(travel[finite]).max()), run.displacement_budget(s)
+            )
         if finite.sum() > 1 and (widest is None or span > widest[0]):
             widest = (span, s.condition, drive[finite], travel[finite])
     for name, by in run.superseded.items():
@@ -109,7 +130,23 @@ def _show_sweeps(run: Run) -> tuple[int, int]:
         print()
         print(draw(widest[2], widest[3], width=60, height=14, x_label="V",
                    y_label=f"displacement of {widest[1]}, um"))
+    for sensitivity, (um, budget) in sorted(largest.items()):
+        _show_budget(sensitivity, um, budget)
     return len(run.active_names) - wrong, wrong
+
+
+def _show_budget(sensitivity: float, um: float, budget: DisplacementBudget) -> None:
+    """What displacement is uncertain by at one sensitivity, and at its largest displacement."""
+    print()
+    print(f"standard uncertainty of displacement at {sensitivity:g} um/V")
+    for part in budget.parts:
+        value = f"{100 * part.value:.3g} %" if part.kind == "scale" else f"{part.value:.3g} nm"
+        print(f"  {part.name:<24} {value:>9}  {part.kind:<7} {part.source}")
+    systematic, u = (1e3 * float(f(um)) for f in (budget.systematic_um, budget.u_um))
+    print(f"  {f'together, at {um:.3g} um':<24} {u:>6.3g} nm  systematic {systematic:.3g} nm, "
+          f"random {budget.random_nm:.3g} nm; 95 %: about +-{2 * u:.3g} nm")
+    for text in budget.left_out:
+        print(f"  not in it: {text}")
 
 
 def _line(value: object) -> str:

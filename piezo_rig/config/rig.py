@@ -11,10 +11,19 @@ from piezo_rig.config.calibration import (
     load_amplifier,
     load_interferometer,
 )
+from piezo_rig.config.environment import Environment, environment_of
 from piezo_rig.config.toml_text import Document, Table
 from piezo_rig.resources import find
 
 DEFAULT_RIG = "simulated_bench"
+DAC_DRIVERS = ("keysight_33500b", "nidaqmx")
+DIGITIZER_DRIVERS = ("keysight_l4532a", "nidaqmx")
+AMPLIFIER_DRIVERS = ("thorlabs_mdt69x", "manual")
+"""The names of `drivers.kinds`; a config is read without the drivers."""
+KEYSIGHT_RANGES_V = (0.25, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 128.0, 256.0)
+CARD_RANGES_V = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0)
+REST_DRIVE_TOLERANCE_V = 0.5
+"""A measured gain and offset rarely put 0 V of drive at the generator's lowest level exactly."""
 
 
 @dataclass(frozen=True)
@@ -89,8 +98,14 @@ class Rig:
     actuator: Actuator
     limits: Limits
     recovery_s: float
+    environment: Environment = field(default_factory=Environment)
     plant: dict[str, Any] = field(default_factory=dict)
     faults: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def is_card(self) -> bool:
+        """Whether one card is waveform DAC and digitizer, on the waveform DAC's line."""
+        return self.waveform_dac.driver == "nidaqmx"
 
     @property
     def gain(self) -> float:
@@ -101,13 +116,23 @@ class Rig:
         return self.amplifier_calibration.offset_v
 
     @property
+    def set_voltage_v(self) -> float:
+        """What the amplifier itself tells of its offset."""
+        return self.amplifier_calibration.set_voltage_v
+
+    @property
     def sensitivity_um_per_v(self) -> float:
         return self.interferometer_calibration.sensitivities_um_per_v[self.sensitivity_switch]
 
     @property
     def rest_command_v(self) -> float:
-        """The command at which the stack sees 0 V."""
-        return -self.offset_v / self.gain
+        """The command at which the stack sees 0 V, or as little as the generator reaches."""
+        return max(-self.offset_v / self.gain, self.command_min_v)
+
+    @property
+    def rest_drive_v(self) -> float:
+        """V on the stack at rest: 0 but for what a calibration moved it beyond the generator."""
+        return self.gain * self.rest_command_v + self.offset_v
 
 
 def _link(
@@ -122,6 +147,36 @@ def _link(
         timeout_s=table.number("timeout_s", 2.0, above=0.0, high=60.0),
         serial=table.text("serial", ""),
     )
+
+
+def _check_card(table: Table, setup: DigitizerSetup, dac: Link) -> None:
+    """What a card cannot do."""
+    if setup.monitor_channel:
+        raise table.error(
+            "monitor_channel", "the inputs of a card take 10 V, the drive is up to 75 V",
+            "set monitor_channel = 0",
+        )
+    if setup.oversampling != 1:
+        raise table.error(
+            "oversampling", "input and output of a card share one sample clock",
+            "set oversampling = 1, and raise sample_rate in the protocol",
+        )
+    devices = {link.address.partition("/")[0] for link in (dac, setup.link) if link.address
+               and not link.address.upper().startswith("TCPIP")}
+    if len(devices) > 1:
+        raise table.error(
+            "address", f"{setup.link.address} is not on the card of {dac.address}",
+            "input and output share the card's clock: name two channels of one card",
+        )
+
+
+def _same_serial(table: Table, link: Link, calibrated: str) -> None:
+    """A calibration belongs to one instrument."""
+    if link.serial and calibrated and link.serial != calibrated:
+        raise table.error(
+            "serial", f"is '{link.serial}'; the calibration is of '{calibrated}'",
+            "name the calibration of this instrument, or calibrate it",
+        )
 
 
 def load_rig(name: str = DEFAULT_RIG) -> Rig:
@@ -148,13 +203,19 @@ def load_rig(name: str = DEFAULT_RIG) -> Rig:
     operator = bench.text("operator", "")
     bench.finish()
 
-    dac, dac_link = _link(root, "waveform_dac", ("keysight_33500b",), simulated, ())
+    dac, dac_link = _link(root, "waveform_dac", DAC_DRIVERS, simulated, ())
     command_min = dac.number("command_min_v", -10.0, low=-10.0, high=10.0)
     command_max = dac.number("command_max_v", 0.0, low=-10.0, high=10.0)
     dac.finish()
 
-    digitizer, digitizer_link = _link(root, "digitizer", ("keysight_l4532a",), simulated, ())
-    ranges = (0.25, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 128.0, 256.0)
+    digitizer, digitizer_link = _link(root, "digitizer", DIGITIZER_DRIVERS, simulated, ())
+    card = dac_link.driver == "nidaqmx"
+    if card != (digitizer_link.driver == "nidaqmx"):
+        raise digitizer.error(
+            "driver", "a card is waveform DAC and digitizer, or neither",
+            "input and output share the card's clock: name nidaqmx under both",
+        )
+    ranges = CARD_RANGES_V if card else KEYSIGHT_RANGES_V
 
     def full_scale(key: str, default: float) -> float:
         value = digitizer.number(key, default)
@@ -170,19 +231,22 @@ def load_rig(name: str = DEFAULT_RIG) -> Rig:
         sensor_channel=digitizer.integer("sensor_channel", 2, low=1, high=2),
         sensor_range_v=full_scale("sensor_range_v", 1.0),
         monitor_channel=digitizer.integer("monitor_channel", 1, low=0, high=2),
-        monitor_range_v=full_scale("monitor_range_v", 128.0),
+        monitor_range_v=full_scale("monitor_range_v", 10.0 if card else 128.0),
         oversampling=digitizer.integer("oversampling", 1, low=1, high=100),
     )
+    if card:
+        _check_card(digitizer, setup, dac_link)
     if setup.monitor_channel == setup.sensor_channel:
         raise digitizer.error("monitor_channel", "the same channel as the sensor")
     digitizer.finish()
 
     amplifier, amplifier_link = _link(
-        root, "amplifier", ("thorlabs_mdt69x", "manual"), simulated, ("manual",)
+        root, "amplifier", AMPLIFIER_DRIVERS, simulated, ("manual",)
     )
     amplifier_calibration = load_amplifier(
         find("calibration", amplifier.text("calibration", "amplifier"), path.parent)
     )
+    _same_serial(amplifier, amplifier_link, amplifier_calibration.serial)
     amplifier.finish()
 
     sensor, sensor_link = _link(
@@ -192,10 +256,17 @@ def load_rig(name: str = DEFAULT_RIG) -> Rig:
     sensor_calibration = load_interferometer(
         find("calibration", sensor.text("calibration", "sios_sp_s120"), path.parent), table
     )
+    _same_serial(sensor, sensor_link, sensor_calibration.serial)
     switch = sensor.integer("sensitivity", low=0, high=6)
-    polarity = sensor.integer("polarity", -1)
+    polarity = sensor.integer("polarity", sensor_calibration.polarity or -1)
     if polarity not in (-1, 1):
         raise sensor.error("polarity", "expected 1 or -1")
+    if polarity == -sensor_calibration.polarity:
+        raise sensor.error(
+            "polarity", f"is {polarity}; the calibration {sensor_calibration.path} measured "
+            f"{sensor_calibration.polarity}",
+            "leave polarity out of the config; if the beam was turned since, calibrate again",
+        )
     sensor.finish()
 
     stack = root.table("actuator", required=False)
@@ -223,6 +294,7 @@ def load_rig(name: str = DEFAULT_RIG) -> Rig:
         raise bounds.error("drive_min_v", "0 V, the rest level, must lie within the limits")
     bounds.finish()
 
+    environment = environment_of(root.table("environment", required=False))
     recovery_s = root.number("recovery_s", 30.0, low=0.0, high=86_400.0)
     plant, faults = root.raw("plant"), root.raw("faults")
     for key, given in (("plant", plant), ("faults", faults)):
@@ -231,7 +303,8 @@ def load_rig(name: str = DEFAULT_RIG) -> Rig:
     root.finish()
 
     rest = -amplifier_calibration.offset_v / amplifier_calibration.gain
-    if not command_min - 1e-9 <= rest <= command_max + 1e-9:
+    slack = REST_DRIVE_TOLERANCE_V / amplifier_calibration.gain
+    if not command_min - slack <= rest <= command_max + 1e-9:
         raise dac.error(
             "command_min_v",
             f"rest (0 V on the stack) needs {rest:g} V of command, outside "
@@ -243,6 +316,6 @@ def load_rig(name: str = DEFAULT_RIG) -> Rig:
         command_max_v=command_max, digitizer=setup, amplifier=amplifier_link,
         amplifier_calibration=amplifier_calibration, interferometer=sensor_link,
         interferometer_calibration=sensor_calibration, sensitivity_switch=switch,
-        polarity=polarity, actuator=actuator, limits=limits, recovery_s=recovery_s, plant=plant,
-        faults=faults,
+        polarity=polarity, actuator=actuator, limits=limits, recovery_s=recovery_s,
+        environment=environment, plant=plant, faults=faults,
     )

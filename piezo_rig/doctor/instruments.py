@@ -39,25 +39,28 @@ def one_by_one(rig: Rig) -> Iterator[Check]:
 
 
 def _instruments(rig: Rig, clock: Clock) -> Iterator[Check]:
-    from drivers.amplifier import ThorlabsMDT69x
     from drivers.digitizer import KeysightL4532A
-    from drivers.waveform_dac import Keysight33500B
+    from drivers.kinds import make_amplifier, make_dac
 
     yield from _instrument(
-        "waveform_dac", rig.waveform_dac, lambda line: Keysight33500B(line), True
+        "waveform_dac", rig.waveform_dac,
+        lambda line: make_dac(rig.waveform_dac.driver, line, clock), True,
     )
-    yield from _instrument(
-        "digitizer", rig.digitizer.link, lambda line: KeysightL4532A(line, clock), True
-    )
+    if not rig.is_card:
+        yield from _instrument(
+            "digitizer", rig.digitizer.link, lambda line: KeysightL4532A(line, clock), True
+        )
     if rig.amplifier.driver == "manual":
         yield Check(
-            "note", "amplifier", f"has no link: see that its set voltage is {rig.offset_v:g} V and "
-            f"its limit {rig.limits.drive_max_v:g} V",
+            "note", "amplifier", f"has no link: see that its set voltage is {rig.set_voltage_v:g} "
+            f"V and its limit {rig.limits.drive_max_v:g} V",
         )
     else:
         yield from _instrument(
             "amplifier", rig.amplifier,
-            lambda line: ThorlabsMDT69x(line, rig.offset_v, rig.limits.drive_max_v), False,
+            lambda line: make_amplifier(
+                rig.amplifier.driver, lambda: line, rig.set_voltage_v, rig.limits.drive_max_v, ""
+            ), False,
         )
 
 

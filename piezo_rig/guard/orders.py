@@ -23,6 +23,7 @@ class Orders:
     slew_v_per_s : of the command
     gain, offset_v : drive = gain * command + offset_v
     report : file that the guard's report goes to; empty for none
+    driver : of the generator, as the rig's config names it
     silence_s : a runner that shows no sign of life for this long is taken to hang
     """
 
@@ -34,6 +35,7 @@ class Orders:
     gain: float
     offset_v: float
     report: str = ""
+    driver: str = "keysight_33500b"
     silence_s: float = 5.0
 
     def to_json(self) -> str:

@@ -7,8 +7,9 @@ import time
 
 from drivers.clock import BenchClock, Clock, RealClock
 from drivers.errors import InstrumentError
+from drivers.kinds import make_dac
 from drivers.transport import Transport
-from drivers.waveform_dac import LATE_STEP_V, Keysight33500B
+from drivers.waveform_dac import LATE_STEP_V
 from piezo_rig.guard.orders import GIVE_UP_S, Orders
 
 _RETRY_S = 1.0
@@ -50,14 +51,14 @@ def bring_to_rest(
 
 
 def _attempt(line: Transport, orders: Orders, serial: str) -> dict[str, float]:
-    dac = Keysight33500B(line)
-    found = dac.connect().serial
-    if found != serial:
-        raise InstrumentError(
-            "instrument-identity", line.instrument, f"serial number {found}, not {serial}"
-        )
     clock = _clock(orders.clock)
     try:
+        dac = make_dac(orders.driver, line, clock)
+        found = dac.connect().serial
+        if found != serial:
+            raise InstrumentError(
+                "instrument-identity", line.instrument, f"serial number {found}, not {serial}"
+            )
         moved = dac.go_to_rest(
             orders.rest_command_v, slew_v_per_s=orders.slew_v_per_s, clock=clock,
             largest_step_v=LATE_STEP_V,

@@ -15,11 +15,13 @@ from piezo_rig.errors import LimitError
 from piezo_rig.protocol.plan import (
     DAC_FULL_SCALE,
     DIGITIZER_MAX_SAMPLES,
-    REST_DRIVE_V,
     Plan,
     Wave,
 )
 from piezo_rig.protocol.protocol_file import Condition
+
+CARD_LSB_V = 20.0 / 65_536
+"""Of an NI card, whose 16 bit are those of +-10 V whatever it plays."""
 
 
 @dataclass(frozen=True)
@@ -55,13 +57,13 @@ def extremes(plan: Plan) -> Extremes:
     waves = [wave for _, wave in plan.conditions()]
     low = min(float(w.drive_v.min()) for w in waves)
     high = max(float(w.drive_v.max()) for w in waves)
-    slew = max(float(_slew(w, plan.sample_rate).max()) for w in waves)
+    slew = max(float(_slew(w, plan.sample_rate, plan.rig.rest_drive_v).max()) for w in waves)
     stack = plan.rig.actuator
     travel = (high - low) * stack.travel_um_per_v
     return Extremes(
         drive_min_v=low, drive_max_v=high, slew_v_per_s=slew,
         current_a=slew * stack.capacitance_f * stack.large_signal_factor,
-        dac_lsb_v=max(_lsb_v(w) for w in waves) * plan.rig.gain,
+        dac_lsb_v=plan.rig.gain * (CARD_LSB_V if plan.rig.is_card else max(map(_lsb_v, waves))),
         travel_um=travel, sensor_v=travel / plan.rig.sensitivity_um_per_v,
     )
 
@@ -71,9 +73,9 @@ def _lsb_v(wave: Wave) -> float:
     return (wave.high_v - wave.low_v) / (2 * DAC_FULL_SCALE)
 
 
-def _slew(wave: Wave, rate: float) -> np.ndarray:
+def _slew(wave: Wave, rate: float, rest_v: float) -> np.ndarray:
     """|dV/dt| of the drive from sample to sample, with the way from and back to rest."""
-    closed = np.concatenate([[REST_DRIVE_V], wave.drive_v, [REST_DRIVE_V]])
+    closed = np.concatenate([[rest_v], wave.drive_v, [rest_v]])
     return np.abs(np.diff(closed)) * rate
 
 
@@ -130,7 +132,7 @@ def _check_levels(plan: Plan, condition: Condition, wave: Wave) -> None:
 
 def _check_slew(plan: Plan, condition: Condition, wave: Wave) -> None:
     limits, stack = plan.rig.limits, plan.rig.actuator
-    slew = _slew(wave, plan.sample_rate)
+    slew = _slew(wave, plan.sample_rate, plan.rig.rest_drive_v)
     index = int(slew.argmax())
     # One DAC step more or less is rounding, not slew.
     tolerance = 1.0001 * _lsb_v(wave) * plan.rig.gain * plan.sample_rate

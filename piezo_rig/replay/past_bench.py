@@ -5,11 +5,13 @@ from __future__ import annotations
 import json
 import re
 import tempfile
+import tomllib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from piezo_rig.bench import Bench
 from piezo_rig.config import Rig, load_rig
+from piezo_rig.config.calibration import parts_of
 from piezo_rig.config.toml_text import Document
 from piezo_rig.errors import InputError, PiezoRigError
 from piezo_rig.protocol import Plan, build_plan
@@ -64,8 +66,10 @@ def _calibration_files(run: Run, folder: Path) -> dict[str, Path]:
     for number, text in enumerate(texts or _told_by_sweeps(run)):
         place = folder / f"calibration_{number}.toml"
         place.write_text(text, encoding="utf-8")
-        sensor = '"interferometer"' in text or "printed_um_per_v" in text
-        files["interferometer" if sensor else "amplifier"] = place
+        try:
+            files |= dict.fromkeys(parts_of(tomllib.loads(text)), place)
+        except (ValueError, RecursionError):
+            raise _cannot(run, "its calibrations cannot be read") from None
     for instrument in ("amplifier", "interferometer"):
         if instrument not in files:
             raise _cannot(run, f"holds no calibration of the {instrument}")
@@ -106,10 +110,8 @@ def past_bench(
     rig: Rig, records: Sequence[WireRecord], comparison: Comparison
 ) -> tuple[Bench, list[TapeTransport]]:
     """The bench of a session, its instruments played from a recording."""
-    from drivers.amplifier import ManualAmplifier, ThorlabsMDT69x
-    from drivers.digitizer import KeysightL4532A
     from drivers.interferometer import SiosSPS120
-    from drivers.waveform_dac import Keysight33500B
+    from drivers.kinds import make_amplifier, make_dac, make_digitizer
 
     links = {
         "waveform_dac": rig.waveform_dac, "digitizer": rig.digitizer.link,
@@ -122,14 +124,16 @@ def past_bench(
         for name in INSTRUMENTS if name in links
     }
     clock = comparison.clock
-    amplifier: ManualAmplifier | ThorlabsMDT69x
-    if rig.amplifier.driver == "manual":
-        amplifier = ManualAmplifier(rig.offset_v, rig.limits.drive_max_v, rig.amplifier.serial)
-    else:
-        amplifier = ThorlabsMDT69x(tapes["amplifier"], rig.offset_v, rig.limits.drive_max_v)
+    amplifier = make_amplifier(
+        rig.amplifier.driver, lambda: tapes["amplifier"], rig.set_voltage_v,
+        rig.limits.drive_max_v, rig.amplifier.serial,
+    )
+    dac = make_dac(rig.waveform_dac.driver, tapes["waveform_dac"], clock)
     bench = Bench(
-        rig, clock, Keysight33500B(tapes["waveform_dac"]),
-        KeysightL4532A(tapes["digitizer"], clock), amplifier,
+        rig, clock, dac, make_digitizer(
+            rig.digitizer.link.driver, tapes["digitizer"], dac, clock, rig.digitizer.link.address,
+            rig.digitizer.sensor_channel,
+        ), amplifier,
         SiosSPS120(
             lambda question: True,  # the operator has answered then
             rig.interferometer_calibration.sensitivities_um_per_v, rig.interferometer.serial,

@@ -9,7 +9,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import h5py
 import numpy as np
@@ -29,6 +29,9 @@ from piezo_rig.run_file.guarded import (
 from piezo_rig.run_file.layout import DETAIL_PREFIX, REQUIRED_ATTRIBUTES, SCHEMA_VERSION
 from piezo_rig.run_file.opening import opened
 from piezo_rig.run_file.sweep import HISTORIES, ORIGINS, Sweep
+
+if TYPE_CHECKING:
+    from piezo_rig.run_file.budget import DisplacementBudget
 
 _BYTES_READ = ("event_log", "wire_transcript")
 SWEEP_PREFIX = "sweep_"
@@ -167,6 +170,16 @@ class Run:
                     yield name, _bad_sweep(self.path, name, str(damage))
                 except InputError as error:
                     yield name, error
+
+    def displacement_budget(self, sweep: Sweep) -> DisplacementBudget:
+        """What the displacement of one of its sweeps is uncertain by.
+
+        ``run.displacement_budget(sweep).u_um(sweep.displacement_um)`` is the standard uncertainty
+        of every sample, um.
+        """
+        from piezo_rig.run_file.budget import budget_of
+
+        return budget_of(sweep, self.texts)
 
     def _linked(self, sweep: Sweep) -> Sweep:
         before = self.sweep_names[: self.sweep_names.index(sweep.name)][-1:]

@@ -25,7 +25,8 @@ from piezo_rig.protocol import Plan, PlannedSweep
 from piezo_rig.run_file.reader import Run
 
 MAY_DIFFER = ("address", "timeout_s", "name")
-"""Keys of a rig's config that do not touch the data; nor does the table ``bench``."""
+"""Keys of a rig's config that do not touch the data; nor do the tables below."""
+FREE_TABLES = ("bench", "environment")
 
 Identity = tuple[str, int]
 
@@ -194,7 +195,7 @@ def _flat(table: dict[str, Any], before: str = "") -> dict[str, Any]:
     flat: dict[str, Any] = {}
     for key, value in table.items():
         if isinstance(value, dict):
-            if before or key != "bench":
+            if before or key not in FREE_TABLES:
                 flat |= _flat(value, f"{before}{key}.")
         elif key not in MAY_DIFFER:
             flat[before + key] = value

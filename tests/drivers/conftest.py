@@ -28,7 +28,11 @@ class RememberingPlant:
         self._in_order(t)
         self.events.append((t, np.array([command_v]), 1.0))
 
-    def play(self, t: float, command_v: np.ndarray, rate: float) -> None:
+    def play(
+        self, t: float, command_v: np.ndarray, rate: float, holds_last: bool = False
+    ) -> None:
+        if holds_last:
+            command_v = np.append(command_v, command_v[-1])
         self._in_order(t)
         self.events.append((t, np.asarray(command_v), rate))
 

@@ -92,8 +92,13 @@ class Plant:
             self._event(t)
             self._timeline.set_level(t, float(command_v))
 
-    def play(self, t: float, command_v: NDArray[Any], rate: float) -> None:
-        """The generator puts out sample k from t + k / rate on, then rests at the first."""
+    def play(
+        self, t: float, command_v: NDArray[Any], rate: float, holds_last: bool = False
+    ) -> None:
+        """The generator puts out sample k from t + k / rate on, then rests at the first.
+
+        ``holds_last``: one that stays at the last instead, as a data acquisition card does.
+        """
         command = np.array(command_v, dtype=np.float64)
         if command.ndim != 1 or not command.size or not np.all(np.isfinite(command)):
             raise ValueError("a waveform is a one-dimensional array of finite volts")
@@ -101,7 +106,7 @@ class Plant:
             raise ValueError(f"a sample rate is positive, got {rate!r}")
         with self._lock:
             self._event(t)
-            self._timeline.play(t, command, float(rate))
+            self._timeline.play(t, command, float(rate), holds_last)
 
     def set_amplifier_offset(self, t: float, volts: float) -> None:
         """The amplifier's set voltage, drive at 0 V of command, from t on."""

@@ -57,9 +57,9 @@ class Timeline:
     def set_level(self, t: float, command: float) -> None:
         self._append(t, t, 1.0, np.array([command], dtype=np.float64))
 
-    def play(self, t: float, command: Array, rate: float) -> None:
-        rest_at_last = np.append(command, command[0])
-        self._append(t, t, rate, rest_at_last)
+    def play(self, t: float, command: Array, rate: float, holds_last: bool = False) -> None:
+        ends_with = command[-1 if holds_last else 0]
+        self._append(t, t, rate, np.append(command, ends_with))
 
     def set_offset(self, t: float, offset: float) -> None:
         self._offset = offset

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 import re
 import tomllib
 from collections import Counter
 from dataclasses import dataclass, field
 from typing import Any
 
+from piezo_rig.config.calibration import parts_of
 from piezo_rig.errors import InputError
 from piezo_rig.run_file.reader import Run
 from piezo_rig.run_file.verify.verdict import Verdict
@@ -35,6 +37,7 @@ class Recorded:
     monitor_range_v: float = LARGEST_V
     monitor_wired: bool = False
     travel_um_per_v: float = 0.15
+    set_voltage_v: float = math.nan
     problems: tuple[str, ...] = ()
 
     @classmethod
@@ -62,17 +65,21 @@ class Recorded:
                 sources.setdefault(key, source)
 
         sensor = _table(rig, "interferometer")
+        polarity, set_voltage_v = -1, None
         for calibration in _calibrations(run, problems):
-            if calibration.get("instrument") == "amplifier":
-                expect("gain", calibration.get("gain"), "the amplifier's calibration")
-                expect("offset_v", calibration.get("offset_v"), "the amplifier's calibration")
-            table = calibration.get(f"{sensor.get('sensitivity_table', 'printed')}_um_per_v")
-            switch = sensor.get("sensitivity")
-            if isinstance(table, list) and isinstance(switch, int) and 0 <= switch < len(table):
-                expect("sensitivity_um_per_v", table[switch], "the interferometer's calibration")
+            parts = parts_of(calibration)
+            amplifier = parts.get("amplifier", {})
+            expect("gain", amplifier.get("gain"), "the amplifier's calibration")
+            expect("offset_v", amplifier.get("offset_v"), "the amplifier's calibration")
+            set_voltage_v = amplifier.get("set_voltage_v", set_voltage_v)
+            beam = parts.get("interferometer", {})
+            polarity = beam.get("polarity", polarity)
+            expect("sensitivity_um_per_v", _sensitivity(beam, sensor),
+                   "the interferometer's calibration")
         for key, name, query in (
             ("sensitivity_um_per_v", "interferometer", "sensitivity_um_per_v"),
             ("sample_rate", "waveform_dac", "SOUR1:FUNC:ARB:SRAT?"),
+            ("sample_rate", "waveform_dac", "AO:RATE?"),
             ("measured_rate", "digitizer", "CONF:ACQ:SRAT?"),
             ("set_voltage", "amplifier", "xvoltage?"),
             ("set_voltage", "amplifier", "set_voltage_v"),
@@ -80,7 +87,7 @@ class Recorded:
             expect(key, _number(settings.get(name, {}).get(query, "")), f"the {name}'s settings")
         setup = _table(rig, "digitizer")
         if rig:
-            expect("polarity", sensor.get("polarity", -1), "the rig's config")
+            expect("polarity", sensor.get("polarity", polarity), "the rig's config")
             expect("oversampling", setup.get("oversampling", 1), "the rig's config")
         monitor = setup.get("monitor_channel", 1)
         ranges = {
@@ -98,8 +105,23 @@ class Recorded:
             monitor_range_v=ranges.get(monitor) or LARGEST_V,
             monitor_wired="digitizer" in rig and monitor != 0,
             travel_um_per_v=_within(_table(rig, "actuator").get("travel_um_per_v"), 0.15),
+            set_voltage_v=_within(set_voltage_v, math.nan),
             problems=tuple(problems),
         )
+
+
+def _sensitivity(beam: dict[str, Any], sensor: dict[str, Any]) -> Any:
+    """What a calibration says of the rig's switch; None where it says nothing."""
+    switch, table = sensor.get("sensitivity"), beam.get(
+        f"{sensor.get('sensitivity_table', 'printed')}_um_per_v"
+    )
+    measured = beam.get("measured", [])
+    for one in measured if isinstance(measured, list) else []:
+        if isinstance(one, dict) and one.get("switch") == switch:
+            return one.get("sensitivity_um_per_v")
+    if isinstance(table, list) and isinstance(switch, int) and 0 <= switch < len(table):
+        return table[switch]
+    return None
 
 
 def _toml(text: str) -> dict[str, Any] | None:
@@ -169,6 +191,8 @@ def check_calibration(
     values = {**a, "measured_rate": a["sample_rate"] * a["oversampling"]}
     for key, expected in recorded.expected.items():
         value = float(values["offset_v" if key == "set_voltage" else key])
+        if key == "set_voltage" and not math.isnan(recorded.set_voltage_v):
+            value = recorded.set_voltage_v
         slack = _SET_VOLTAGE_V if key == "set_voltage" else 1e-6 * abs(expected)
         if key == "sensitivity_um_per_v":
             slack = 1e-4 * abs(expected)  # settings tell it to six figures
