@@ -26,10 +26,11 @@ TIMES_S = np.logspace(-2.0, 3.0, 11)
 PER_DECADE = 2.0
 
 
-def _weights() -> np.ndarray:
-    weights = np.full(TIMES_S.size, 1.0 / PER_DECADE)
-    weights[[0, -1]] *= 0.5
-    return weights
+def weights() -> FloatArray:
+    """Of the relaxations, for a rate of one per decade; shape (11,)."""
+    each = np.full(TIMES_S.size, 1.0 / PER_DECADE)
+    each[[0, -1]] *= 0.5
+    return each
 
 
 class Creep(Cause):
@@ -46,15 +47,15 @@ class Creep(Cause):
 
         x = np.ascontiguousarray(signal.displacement_um)
         time = np.ascontiguousarray(signal.time_s)
-        crept = relaxed(time, x, TIMES_S, self["rate_per_decade"] * _weights())
+        crept = relaxed(time, x, TIMES_S, self["rate_per_decade"] * weights())
         return signal.with_(displacement_um=x + crept)
 
     def carry(self, signal: Signal, changes: FloatArray) -> FloatArray:
         from piezo_rig.chain.relaxation import relaxed_rows
 
         time = np.ascontiguousarray(signal.time_s)
-        weights = self["rate_per_decade"] * _weights()
-        return changes + relaxed_rows(time, np.ascontiguousarray(changes), TIMES_S, weights)
+        each = self["rate_per_decade"] * weights()
+        return changes + relaxed_rows(time, np.ascontiguousarray(changes), TIMES_S, each)
 
     @classmethod
     def trials(cls, context: Context) -> list[Stage]:
