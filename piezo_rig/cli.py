@@ -35,6 +35,7 @@ VERBS = {
     "verify": "verify",
     "doctor": "doctor",
     "replay": "replay",
+    "export": "export",
 }
 
 
