@@ -36,6 +36,7 @@ VERBS = {
     "doctor": "doctor",
     "replay": "replay",
     "export": "export",
+    "watch": "watch",
 }
 
 

@@ -450,13 +450,13 @@ def _as_stated(
     out: list[Sweep] = []
     before: Said | None = None
     for sweep, own in zip(sweeps, said, strict=True):
-        if own and sweep.history == "carried":
-            if before is None or (before.run, before.sweep) != (own.run, own.follows):
-                warned.add(sweep.source, [
-                    f"carries the history of {own.follows or 'another sweep'}, which was not "
-                    "given before it: its history is unknown"
-                ])
-                sweep = sweep.with_(history="unknown")
+        stands = before and own and (before.run, before.sweep) == (own.run, own.follows)
+        if own and sweep.history == "carried" and not stands:
+            warned.add(sweep.source, [
+                f"carries the history of {own.follows or 'another sweep'}, which was not "
+                "given before it: its history is unknown"
+            ])
+            sweep = sweep.with_(history="unknown")
         out.append(sweep)
         before = own
     return out
