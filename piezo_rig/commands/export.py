@@ -2,7 +2,7 @@
 
 A run becomes one .csv or .tdms for every sweep in the folder OUT (for a run of one sweep, OUT
 may be the file), or one .mat. Raw volts are written, with the settings that make drive and
-displacement of them; import, identify and diagnose read .csv and .tdms back as the same sweeps.
+displacement of them; import, identify and diagnose read them back as the same sweeps.
 A model becomes a step function in C for a controller, or its tables.
 """
 

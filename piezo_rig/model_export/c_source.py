@@ -67,13 +67,23 @@ def c_source(model: Model, name: str, sample_rate: float, source: str = "") -> C
     laws = [s for s in stages if law_of(s, "slope")]
     maxwell = kernel(name, branches, laws)
     parts = [
-        (s, PARTS[type(s)](s, Place(name, k, period_s, branches)))
+        (s, _part(s, Place(name, k, period_s, branches)))
         for k, s in enumerate(stages) if type(s) in PARTS
     ]
     body = _file(name, maxwell, parts, 1.0 / branches.first_slope_v_per_um)
     counts = bool(laws) or any(s.id == "cycle-aging" for s in stages)
     head = _head(model, name, sample_rate, source, stages, left_out, counts)
     return CSource(f"{head}\n{body}", [s.id for s in stages], left_out)
+
+
+def _part(stage: Stage, at: Place) -> Part:
+    try:
+        return PARTS[type(stage)](stage, at)
+    except (ArithmeticError, ValueError) as error:
+        raise InputError(
+            "export-c", f"stage {stage.id} has no coefficients: {error}",
+            "a parameter that is beyond what can be", "identify the model again",
+        ) from None
 
 
 def _unknown(stage: Stage) -> str:

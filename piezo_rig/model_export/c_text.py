@@ -7,6 +7,8 @@ import re
 import numpy as np
 from numpy.typing import ArrayLike
 
+from piezo_rig.errors import InputError
+
 _C_WORDS = re.compile(
     "auto|break|case|char|const|continue|default|do|double|else|enum|extern|float|for|goto|if|"
     "inline|int|long|main|register|restrict|return|short|signed|sizeof|static|struct|switch|"
@@ -14,8 +16,18 @@ _C_WORDS = re.compile(
 )
 
 
+def _refuse_endless(*values: float) -> None:
+    """InputError for what C has no word for."""
+    if not np.isfinite(values).all():
+        raise InputError(
+            "export-c", "the model has a number that is not finite at this sample rate",
+            "a parameter that is far beyond what can be", "identify the model again",
+        )
+
+
 def number(value: float) -> str:
     """A double that reads back as it is; negative ones stand in brackets."""
+    _refuse_endless(value)
     text = repr(float(value))
     if not any(c in text for c in ".e"):
         text += ".0"
@@ -25,6 +37,7 @@ def number(value: float) -> str:
 def array(name: str, values: ArrayLike) -> str:
     """A table of constants, four to a line."""
     row = np.asarray(values, dtype=float)
+    _refuse_endless(*row)
     cells = [repr(float(v)) for v in row]
     lines = [", ".join(cells[i : i + 4]) for i in range(0, len(cells), 4)]
     return f"static const double {name}[{row.size}] = {{\n    " + ",\n    ".join(lines) + "\n};"

@@ -34,11 +34,11 @@ def back(files, tmp_path):
     return Run(tmp_path / "back.h5").sweeps()
 
 
-@pytest.mark.parametrize("format", ["csv", "tdms"])
+@pytest.mark.parametrize("format", ["csv", "tdms", "mat"])
 def test_a_run_comes_back_as_it_was(run, format, tmp_path, capsys):
-    files = exported(run, format, tmp_path / "out")
+    files = exported(run, format, tmp_path / ("out.mat" if format == "mat" else "out"))
     assert "left out: sweep_0003: superseded by sweep_0004" in capsys.readouterr().out
-    assert len(files) == 3
+    assert len(files) == (1 if format == "mat" else 3)
     expected = [s for s in sweeps() if s.name != "sweep_0003"]
     for sent, found in zip(expected, back(files, tmp_path), strict=True):
         assert {k: getattr(found, k) for k in SAME} == {k: getattr(sent, k) for k in SAME}
@@ -51,13 +51,13 @@ def test_a_run_comes_back_as_it_was(run, format, tmp_path, capsys):
         assert found.origin == "IMPORTED"
 
 
-@pytest.mark.parametrize("format", ["csv", "tdms"])
+@pytest.mark.parametrize("format", ["csv", "tdms", "mat"])
 def test_what_the_user_says_counts_more_than_what_the_file_states(run, format, tmp_path):
-    first = exported(run, format, tmp_path / "out")[0]
+    first = exported(run, format, tmp_path / ("out.mat" if format == "mat" else "out"))[0]
     said = ["--gain", "8", "--offset", "70", "--polarity=+1", "--sensitivity", "2",
             "--history", "unknown"]
     assert main(["import", str(first), *said, "--out", str(tmp_path / "said.h5")]) == 0
-    (found,) = Run(tmp_path / "said.h5").sweeps()
+    found = Run(tmp_path / "said.h5").sweeps()[0]
     assert (found.gain, found.offset_v, found.polarity) == (8.0, 70.0, 1)
     assert (found.sensitivity_um_per_v, found.history) == (3.87, "unknown")
 
@@ -106,7 +106,7 @@ def test_a_mat_holds_every_sweep_with_volts_and_physics(run, tmp_path):
     assert found["sweeps"][2].drive_monitor_v.size == 0
 
 
-@pytest.mark.parametrize("format", ["csv", "tdms"])
+@pytest.mark.parametrize("format", ["csv", "tdms", "mat"])
 def test_samples_that_are_not_even_keep_their_times(format, tmp_path):
     even = sweep(1, "0-65", 1, 65.0)
     times = even.time_s**1.5 + even.time_s
@@ -120,6 +120,14 @@ def test_several_sweeps_do_not_go_into_one_csv(run, tmp_path, capsys):
     said = capsys.readouterr().err
     assert said.startswith("error[export-many]:")
     assert "name a folder: --out a" in said
+
+
+def test_a_mat_of_another_program_is_no_recording(tmp_path, capsys):
+    from scipy.io import savemat
+
+    savemat(tmp_path / "other.mat", {"sweeps": np.arange(3.0), "x": 1.0})
+    assert main(["import", str(tmp_path / "other.mat"), "--out", str(tmp_path / "x.h5")]) == 2
+    assert capsys.readouterr().err.startswith("error[import-mat]:")
 
 
 @pytest.mark.parametrize(("line", "wrong"), [

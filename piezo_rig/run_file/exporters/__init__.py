@@ -1,7 +1,7 @@
 """A run for other programs: .csv and .tdms, one file for each sweep, or one .mat.
 
 Volts are the truth and what is written, with the settings that make drive and displacement of
-them; `piezo_rig.run_file.importers` reads .csv and .tdms back as the same sweeps. What was
+them; `piezo_rig.run_file.importers` reads them back as the same sweeps. What was
 played again is left out.
 """
 

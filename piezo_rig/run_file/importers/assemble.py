@@ -18,6 +18,7 @@ from piezo_rig.run_file.importers.csv_text import read_csv
 from piezo_rig.run_file.importers.damage import compare_span, saturation
 from piezo_rig.run_file.importers.file_name import NameSays, distinct_names, parse_name
 from piezo_rig.run_file.importers.lvm import read_lvm
+from piezo_rig.run_file.importers.mat import read_mat
 from piezo_rig.run_file.importers.options import (
     DISPLACEMENT,
     DRIVE,
@@ -32,7 +33,7 @@ from piezo_rig.run_file.importers.timing import timing_of
 from piezo_rig.run_file.importers.traces import Trace, joined, traces_of
 from piezo_rig.run_file.sweep import Sweep
 
-_READERS = {".lvm": read_lvm, ".tdms": read_tdms, ".csv": read_csv}
+_READERS = {".lvm": read_lvm, ".tdms": read_tdms, ".csv": read_csv, ".mat": read_mat}
 DEFAULT_POLARITY = -1
 ALIKE = 0.05  # repeats of one condition agree in drive and pace to this share
 
@@ -69,7 +70,7 @@ def read_recordings(
         traces = _read(path, options, require, told, warned)
         says = parse_name(path.stem)
         for part, trace in enumerate(traces, start=1):
-            part_of = part if len(traces) > 1 else 0
+            part_of = part if len(traces) > 1 and trace.said is None else 0
             sweep = _sweep(path, trace, says, part_of, options, require, told, warned)
             sweeps.append(conditions.numbered(sweep, len(sweeps) + 1))
             clocks.setdefault(trace.clock, names[path])
@@ -136,7 +137,7 @@ def _read(
         warned.add(path, recording.warnings)
         traces += traces_of(recording, options, require)
     whole = joined(path, traces)
-    if len(whole) > 1:
+    if len(whole) > 1 and whole[0].said is None:
         warned.add(
             path,
             [f"holds {len(whole)} parts that do not follow each other in time; each is a sweep"],

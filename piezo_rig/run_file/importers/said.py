@@ -1,8 +1,9 @@
 """What a recording that was exported from a run says of itself.
 
-A sweep that leaves a run takes its settings along: in the comments of a .csv, in the properties
-of a .tdms. Volts are the truth; with these settings they are displacement and drive again, and
-the sweep has its condition, repeat, history and start back. What a user says counts more.
+A sweep that leaves a run takes its settings along: in the comments of a .csv, the properties
+of a .tdms, the fields of a .mat. Volts are the truth; with these settings they are displacement
+and drive again, and the sweep has its condition, repeat, history and start back. What a user
+says counts more.
 """
 
 from __future__ import annotations
