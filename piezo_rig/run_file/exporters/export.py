@@ -170,7 +170,8 @@ def _refuse_nothing(run: Run, written: Sequence[object]) -> None:
     if not written:
         raise InputError(
             "no-data", f"{run.path}: no sweep to be exported",
-            "nothing was played, or the file is damaged", "see 'piezo-rig verify'",
+            "nothing was played, the run is not closed yet, or the file is damaged",
+            "see 'piezo-rig verify'; a run that is being recorded: 'piezo-rig watch'",
         )
 
 
