@@ -36,6 +36,8 @@ VERBS = {
     "calibrate": "calibrate",
     "doctor": "doctor",
     "replay": "replay",
+    "export": "export",
+    "watch": "watch",
 }
 
 

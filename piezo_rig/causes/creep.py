@@ -32,10 +32,11 @@ SHARES = (
 )  # fmt: skip
 
 
-def _weights() -> np.ndarray:
-    weights = np.full(TIMES_S.size, 1.0 / PER_DECADE)
-    weights[[0, -1]] *= 0.5
-    return weights
+def weights() -> FloatArray:
+    """Of the relaxations, for a rate of one per decade; shape (11,)."""
+    each = np.full(TIMES_S.size, 1.0 / PER_DECADE)
+    each[[0, -1]] *= 0.5
+    return each
 
 
 class Creep(Cause):
@@ -55,24 +56,24 @@ class Creep(Cause):
     loosened: ClassVar[Mapping[str, float]] = dict.fromkeys(SHARES, 0.1)
 
     @property
-    def _shares(self) -> FloatArray:
+    def shares(self) -> FloatArray:
         """Of every relaxation, of the displacement."""
         own = [self[n] if n in self.parameters else 1.0 for n in SHARES]
-        return np.asarray(self["rate_per_decade"] * _weights() * own)
+        return np.asarray(self["rate_per_decade"] * weights() * own)
 
     def act(self, signal: Signal) -> Signal:
         from piezo_rig.chain.relaxation import relaxed
 
         x = np.ascontiguousarray(signal.displacement_um)
         time = np.ascontiguousarray(signal.time_s)
-        return signal.with_(displacement_um=x + relaxed(time, x, TIMES_S, self._shares))
+        return signal.with_(displacement_um=x + relaxed(time, x, TIMES_S, self.shares))
 
     def carry(self, signal: Signal, changes: FloatArray) -> FloatArray:
         from piezo_rig.chain.relaxation import relaxed_rows
 
         time = np.ascontiguousarray(signal.time_s)
         rows = np.ascontiguousarray(changes)
-        return changes + relaxed_rows(time, rows, TIMES_S, self._shares)
+        return changes + relaxed_rows(time, rows, TIMES_S, self.shares)
 
     def reported(self, covariance: FloatArray) -> dict[str, Parameter]:
         """The rate, the mean over all decades where they are not even."""
@@ -80,11 +81,11 @@ class Creep(Cause):
         names = list(self.parameters)
         own = [n for n in SHARES if n in self.parameters]
         if own:
-            weights = _weights() / _weights().sum()
-            mean = float(weights @ np.array([self[n] for n in SHARES]))
+            even = weights() / weights().sum()
+            mean = float(even @ np.array([self[n] for n in SHARES]))
             gradient = np.zeros(len(names))
             gradient[names.index("rate_per_decade")] = mean
-            for n, w in zip(SHARES, weights, strict=True):
+            for n, w in zip(SHARES, even, strict=True):
                 gradient[names.index(n)] = self["rate_per_decade"] * w
             half = 1.96 * float(np.sqrt(max(float(gradient @ covariance @ gradient), 0.0)))
             value = self["rate_per_decade"] * mean

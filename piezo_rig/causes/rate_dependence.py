@@ -54,35 +54,45 @@ class RateDependence(Cause):
     def seen_by_sliders(self, signal: Signal, branches: Branches) -> FloatArray:
         from piezo_rig.chain.backlash import behind
 
-        if not self._widens:
+        if not self.widens:
             return signal.drive_v
+        drive = np.ascontiguousarray(signal.drive_v)
+        width = self.widens_by_v(branches) * np.abs(self._rate(signal)) ** self["exponent"]
+        return behind(drive, width)
+
+    def widens_by_v(self, branches: Branches) -> float:
+        """Volts by which thresholds widen at `REFERENCE_V_PER_S`; 0 in the other form."""
+        if not self.widens:
+            return 0.0
         rest = branches.rest
         volts = np.diff(rest.knots_v, prepend=0.0)
         moved = float(volts @ rest.compliance_um_per_v[: volts.size])
         compliance = moved / float(rest.knots_v[-1]) if moved else rest.compliance_um_per_v[-1]
-        drive = np.ascontiguousarray(signal.drive_v)
-        width = self["lag_um"] / compliance * np.abs(self._rate(signal)) ** self["exponent"]
-        return behind(drive, width)
+        return float(self["lag_um"] / compliance)
+
+    @property
+    def window(self) -> float:
+        """Seconds over which the rate is taken."""
+        return self["window_s"] if "window_s" in self.parameters else USUAL_S
 
     def act(self, signal: Signal) -> Signal:
-        if self._widens:
+        if self.widens:
             return signal
         rate = self._rate(signal)
         lag = self["lag_um"] * np.sign(rate) * np.abs(rate) ** self["exponent"]
         return signal.with_(displacement_um=signal.displacement_um - lag)
 
     @property
-    def _widens(self) -> bool:
+    def widens(self) -> bool:
         return "widens" in self.parameters and bool(self["widens"])
 
     def _rate(self, signal: Signal) -> FloatArray:
         """Speed of the drive (n,), of `REFERENCE_V_PER_S`."""
-        from piezo_rig.chain.relaxation import lagged
+        from piezo_rig.chain.relaxation import off
 
         time = np.ascontiguousarray(signal.time_s)
         drive = np.ascontiguousarray(signal.drive_v)
-        window = self["window_s"] if "window_s" in self.parameters else USUAL_S
-        return (drive - lagged(time, drive, window)) / window / REFERENCE_V_PER_S
+        return -off(time, drive, self.window) / self.window / REFERENCE_V_PER_S
 
     @classmethod
     def variants(cls, context: Context) -> list[list[Stage]]:

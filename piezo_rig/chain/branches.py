@@ -99,6 +99,37 @@ class Reaching:
         ends = [b for _, b, _ in self.steps]
         return [*ends, 2.0 * ends[-1]] if self.closing else ends
 
+    @property
+    def last_um(self) -> float:
+        """Displacement after the turning point at which the law ends."""
+        return self.steps[-1][1]
+
+    def taken_back(self, ends_um: FloatArray) -> NDArray[np.bool_]:
+        """Of bands with these ends (e,), those on which what it adds is taken back."""
+        return (ends_um > self.last_um) & (ends_um <= 2.0 * self.last_um)
+
+
+@dataclass(frozen=True, eq=False)
+class Grid:
+    """The early bands of a later branch under laws with a reach, as displacements.
+
+    Attributes
+    ----------
+    ends_um : shape (e,), displacement after the turning point at which each band ends
+    of_first : shape (e,), whether the table's first element still holds there
+    slopes_v_per_um : shape (e,), before any law; NaN where the first element holds
+    rest : the bands after those; None where the only element never gives way
+    """
+
+    ends_um: FloatArray
+    of_first: NDArray[np.bool_]
+    slopes_v_per_um: FloatArray
+    rest: Curve | None
+
+    @property
+    def widths_um(self) -> FloatArray:
+        return np.diff(self.ends_um, prepend=0.0)
+
 
 @dataclass(frozen=True, eq=False)
 class Branches:
@@ -160,6 +191,25 @@ class Branches:
         first = self.first_slopes(loops)
         if not self.reaching:
             return Bands((self.first_break_um * first)[:, None], first[:, None], self.rest)
+        grid = self.grid()
+        early, widths = grid.ends_um, grid.widths_um
+        # bands before half loops, so that a law meets rows of half loops
+        slopes = np.where(grid.of_first[:, None], first, grid.slopes_v_per_um[:, None])
+        for r in self.reaching:
+            added = np.zeros(len(loops))
+            for begin, end, share in r.steps:
+                here = slice(*np.searchsorted(early, [begin, end], side="right"))
+                change = share * (r.law(slopes[here], loops) - slopes[here])
+                added += widths[here] @ change
+                slopes[here] += change
+            slopes[r.taken_back(early)] -= r.closing / r.last_um * added
+        slopes = np.ascontiguousarray(slopes.T)
+        _positive(slopes.min(axis=1), loops)
+        rest = Curve(np.empty(0), 1.0 / first[:1]) if grid.rest is None else grid.rest
+        return Bands(np.cumsum(slopes * widths, axis=1), slopes, rest)
+
+    def grid(self) -> Grid:
+        """The bands that laws with a reach make of a later branch; the same for all half loops."""
         volts = np.diff(self.rest.knots_v, prepend=0.0)
         ends = self.first_break_um + np.cumsum(
             np.append(0.0, volts * self.rest.compliance_um_per_v[: volts.size])
@@ -168,37 +218,20 @@ class Branches:
         reaches = [b for r in self.reaching for b in r.breaks]
         breaks = np.unique(np.concatenate([ends, reaches]))
         early = breaks[breaks <= max(reaches)]
-        widths = np.diff(early, prepend=0.0)
-        # slope of each early band before any spring is added; its middle says which one it was
-        middle = early - 0.5 * widths
-        which = np.searchsorted(ends, middle)
-        # bands before half loops, so that a law meets rows of half loops
-        slopes = np.where(which[:, None] == 0, first, np.append(np.nan, later)[which][:, None])
-        for r in self.reaching:
-            added = np.zeros(len(loops))
-            for begin, end, share in r.steps:
-                here = slice(*np.searchsorted(early, [begin, end], side="right"))
-                change = share * (r.law(slopes[here], loops) - slopes[here])
-                added += widths[here] @ change
-                slopes[here] += change
-            last = r.steps[-1][1]
-            back = (early > last) & (early <= 2.0 * last)
-            slopes[back] -= r.closing / last * added
-        slopes = np.ascontiguousarray(slopes.T)
-        _positive(slopes.min(axis=1), loops)
-        knots = np.cumsum(slopes * widths, axis=1)
-        if not np.isfinite(self.first_break_um):
-            return Bands(knots, slopes, Curve(np.empty(0), 1.0 / first[:1]))
-        left = ends[ends > early[-1]]
-        springs = np.append(first[0], later)[np.searchsorted(ends, early[-1], side="right") :]
-        if np.searchsorted(ends, early[-1], side="right") == 0:
+        rest: Curve | None = None
+        if early[-1] < ends[0] < np.inf:
             # inside the first element: the rest of it is one more band, also by its law
-            knots = np.column_stack([knots, knots[:, -1] + first * (ends[0] - early[-1])])
-            slopes = np.column_stack([slopes, first])
-            left, springs = ends[1:], later
-            return Bands(knots, slopes, Curve(self.rest.knots_v, 1.0 / springs))
-        volts = np.cumsum(springs[: left.size] * np.diff(left, prepend=early[-1]))
-        return Bands(knots, slopes, Curve(volts, 1.0 / springs))
+            early = np.append(early, ends[0])
+            rest = Curve(self.rest.knots_v, 1.0 / later)
+        elif ends[0] < np.inf:
+            left = ends[ends > early[-1]]
+            springs = later[np.searchsorted(ends, early[-1], side="right") - 1 :]
+            steps = springs[: left.size] * np.diff(left, prepend=early[-1])
+            rest = Curve(np.cumsum(steps), 1.0 / springs)
+        # slope of each early band before any spring is added; its middle says which one it was
+        middle = early - 0.5 * np.diff(early, prepend=0.0)
+        which = np.searchsorted(ends, middle)
+        return Grid(early, which == 0, np.append(np.nan, later)[which], rest)
 
     def walk(self, drive_v: FloatArray, loops: HalfLoops | None = None) -> Walk:
         """Cut a drive (n,) into segments; the memory is virgin at its first sample."""

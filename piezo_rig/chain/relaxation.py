@@ -13,26 +13,34 @@ import numpy as np
 
 
 @numba.njit(cache=True)
-def lagged(time, x, tau):
-    """x behind a first-order lag, shape (n,); it begins settled at the first sample."""
-    out = np.empty(x.size)
-    q = x[0] if x.size else 0.0
-    if x.size:
-        out[0] = q
+def off(time, x, tau):
+    """How far a first-order lag behind x is off it, shape (n,); it begins settled.
+
+    At rest it dies away to nothing, so that a power of it shows no rounding of x.
+    """
+    out = np.zeros(x.size)
+    d = 0.0
     known = -1.0
-    decay = 0.0
+    decay = hold = 0.0
     for n in range(1, x.size):
         step = time[n] - time[n - 1]
         if step <= 0.0:
-            out[n] = q
+            d -= x[n] - x[n - 1]
+            out[n] = d
             continue
         if step != known:
             known = step
             decay = math.exp(-step / tau)
-        slow = (x[n] - x[n - 1]) / step * tau
-        q = x[n] - slow + (q - x[n - 1] + slow) * decay
-        out[n] = q
+            hold = -math.expm1(-step / tau) * tau / step
+        d = decay * d - hold * (x[n] - x[n - 1])
+        out[n] = d
     return out
+
+
+@numba.njit(cache=True)
+def lagged(time, x, tau):
+    """x behind a first-order lag, shape (n,); it begins settled at the first sample."""
+    return x + off(time, x, tau)
 
 
 @numba.njit(cache=True)

@@ -5,7 +5,8 @@ from __future__ import annotations
 import argparse
 import os
 
-INPUTS = ("data", "files", "drive", "runs", "run", "protocol", "rig", "target", "points", "update")
+INPUTS = ("data", "file", "files", "drive", "runs", "run", "protocol", "rig", "target", "points",
+          "update")  # fmt: skip
 NAMES_OR_FILES = ("model", "baseline")  # a name such as `range` is no file, whatever lies about
 OUTPUTS = ("out", "json", "report", "save_model", "figure", "record", "config_out")
 

@@ -212,6 +212,7 @@ def record(
     else:
         print(f"{plan.protocol.name}: {len(plan.sweeps)} sweeps, {seconds(play_s)} of drive, "
               f"{seconds(plan.duration_s)} of bench time with rests")
+    print(f"to follow it from another terminal: piezo-rig watch {path}")
     try:
         report = path.with_name(path.name.removesuffix(".h5") + GUARD_SUFFIX)
         with open_bench(rig, confirm, wire, report=report, tell=print) as bench:

@@ -1,4 +1,7 @@
-"""Summarises a run: what was played, on what, and what came of it."""
+"""Summarises a run: what was played, on what, and what came of it.
+
+`watch` follows one that is still being recorded; `export` converts one for other programs.
+"""
 
 from __future__ import annotations
 
@@ -21,10 +24,13 @@ def execute(args: argparse.Namespace) -> int:
     from pathlib import Path
 
     from piezo_rig.errors import InputError
+    from piezo_rig.run_file.layout import PART_SUFFIX
     from piezo_rig.run_file.reader import Run
     from piezo_rig.run_file.verify import require_run
 
     run = Run(require_run(Path(args.run)))
+    if run.path.name.endswith(PART_SUFFIX):
+        print(f"not closed yet; to follow it: piezo-rig watch {run.path}")
     _show_head(run)
     read, wrong = _show_sweeps(run)
     if args.log:

@@ -16,6 +16,7 @@ from pathlib import Path
 import h5py
 
 from piezo_rig.run_file.guarded import HDF5_ERRORS, Budget, Damaged, child, names, numbers, text
+from piezo_rig.run_file.layout import PART_SUFFIX
 
 try:
     import resource
@@ -26,6 +27,14 @@ _DEPTH = 4
 _MOST_ATTRIBUTES = 200
 _WHOLE_BYTES = 16_000_000  # larger files: headers and texts, not the rows
 _proven: set[tuple[str, int, int]] = set()
+
+
+def how(path: Path) -> dict[str, bool]:
+    """How a file is opened: one that is being recorded without a lock, which its writer could meet.
+
+    Single-writer mode keeps it whole for readers without one.
+    """
+    return {"swmr": True, "locking": False} if path.name.endswith(PART_SUFFIX) else {}
 
 
 def refuse_what_crashes(path: Path) -> None:
@@ -56,7 +65,7 @@ def _try(path: Path, size: int) -> None:
         seconds = 2 + size // 20_000_000
         resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds))
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-        with h5py.File(path, "r", swmr=path.name.endswith(".part.h5")) as f:
+        with h5py.File(path, "r", **how(path)) as f:
             _read(f, Budget(path), _DEPTH, size < _WHOLE_BYTES, set())
     except BaseException:
         pass

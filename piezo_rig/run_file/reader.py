@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -31,6 +31,8 @@ from piezo_rig.run_file.opening import opened
 from piezo_rig.run_file.sweep import HISTORIES, ORIGINS, Sweep
 
 if TYPE_CHECKING:
+    import xarray
+
     from piezo_rig.run_file.budget import DisplacementBudget
 
 _BYTES_READ = ("event_log", "wire_transcript")
@@ -187,6 +189,21 @@ class Run:
             return sweep.with_(history="unknown")
         return sweep
 
+    def to_xarray(self, names: Sequence[str] | None = None) -> xarray.Dataset:
+        """The sweeps, those named or all that are not superseded, as one dataset.
+
+        Dimensions ``sweep`` (coordinates: name, condition, repeat, history, start and settings)
+        and ``time`` (s from a sweep's first sample); shorter sweeps are filled up with NaN, and
+        ``samples`` says where they end. Volts and what they make, each with its unit.
+
+        Raises
+        ------
+        InputError : xarray is not installed, or the sweeps were not sampled alike
+        """
+        from piezo_rig.run_file.as_xarray import to_xarray
+
+        return to_xarray(self, names)
+
     def entries(self) -> list[Entry]:
         """What the run says of every sweep, the superseded ones too.
 
@@ -205,18 +222,7 @@ class Run:
         InputError : it is there, but is not a log
         """
         with self.opened_entry() as entry:
-            log = numbers(entry, "event_log", Budget(self.path), "u")
-            if log is None:  # imported
-                return []
-            events = [json.loads(line) for line in log.astype(np.uint8).tobytes().splitlines()]
-            for event in events:
-                if not (
-                    isinstance(event, dict) and isinstance(event.get("event"), str)
-                    and isinstance(event.get("time_s"), int | float)
-                    and math.isfinite(event["time_s"])
-                ):
-                    raise Damaged("event_log holds a line that is no event")
-            return events
+            return parse_events(numbers(entry, "event_log", Budget(self.path), "u"))
 
     def wire_transcript(self) -> bytes:
         """Every byte that went over a line, as ``wire`` packed them; empty where none was kept."""
@@ -244,6 +250,26 @@ class Run:
             sample = child(entry, "sample", h5py.Group)
             said = {} if sample is None else attributes(sample)
             return {k: v for k, v in said.items() if k != "NX_class"}
+
+
+def parse_events(log: NDArray[Any] | None) -> list[dict[str, Any]]:
+    """Events of the bytes of a log; none where there is no log (imported).
+
+    Raises
+    ------
+    Damaged : a line that is no event; ValueError where it is no JSON
+    """
+    if log is None:
+        return []
+    events = [json.loads(line) for line in log.astype(np.uint8).tobytes().splitlines()]
+    for event in events:
+        if not (
+            isinstance(event, dict) and isinstance(event.get("event"), str)
+            and isinstance(event.get("time_s"), int | float)
+            and math.isfinite(event["time_s"])
+        ):
+            raise Damaged("event_log holds a line that is no event")
+    return events
 
 
 def _not_a_run(path: Path) -> InputError:
@@ -283,14 +309,18 @@ def refuse_alias(entry: h5py.Group, name: str, seen: dict[int, str]) -> h5py.Gro
     return group
 
 
-def sweep_attributes(group: h5py.Group) -> dict[str, Any]:
+def sweep_attributes(
+    group: h5py.Group, known: Mapping[str, Any] | None = None
+) -> dict[str, Any]:
     """The attributes of a sweep, each of its type and within what can be.
+
+    ``known`` are those that stand elsewhere while a run is being recorded.
 
     Raises
     ------
     Damaged : one is missing, or is not what it should be
     """
-    a = attributes(group)
+    a = {**attributes(group), **(known or {})}
     missing = [k for k in REQUIRED_ATTRIBUTES if k not in a]
     if missing:
         raise Damaged(f"lacks {', '.join(missing)}")
@@ -321,8 +351,11 @@ def sweep_attributes(group: h5py.Group) -> dict[str, Any]:
     return a
 
 
-def read_sweep(entry: h5py.Group, name: str, path: Path, budget: Budget) -> Sweep:
-    """One sweep of an open run.
+def read_sweep(
+    entry: h5py.Group, name: str, path: Path, budget: Budget,
+    known: Mapping[str, Any] | None = None,
+) -> Sweep:
+    """One sweep of an open run; ``known`` as in `sweep_attributes`.
 
     Raises
     ------
@@ -332,7 +365,7 @@ def read_sweep(entry: h5py.Group, name: str, path: Path, budget: Budget) -> Swee
         group = child(entry, name, h5py.Group)
         if group is None:
             raise Damaged("is not there")
-        a = sweep_attributes(group)
+        a = sweep_attributes(group, known)
         found = {
             channel: numbers(group, channel, budget)
             for channel in ("command_v", "sensor_v", "drive_monitor_v", "time_s")

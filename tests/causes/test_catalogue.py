@@ -24,7 +24,7 @@ def test_causes_say_where_they_are_and_in_which_units():
         assert kind.id == id
         assert kind.place in PLACES
         assert kind.locked_to in ("drive", "clock")
-        assert set(kind.neutral) <= set(kind.units)
+        assert set(kind.neutral) <= {*kind.units, *kind.optional}
         assert kind.__module__.rsplit(".", 1)[1].replace("_", "-") == id
 
 

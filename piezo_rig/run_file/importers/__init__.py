@@ -1,4 +1,6 @@
-"""Recordings that this program never made: .lvm, .tdms and .csv, read into sweeps.
+"""Recordings that this program never made, .lvm, .tdms and .csv, read into sweeps.
+
+So are the .csv, .tdms and .mat that it exported; ``said`` knows what those state of themselves.
 
 ``read_recordings`` is the way in. Readers (``lvm``, ``tdms``, ``csv_text``) know a
 format each and nothing else; ``channels`` decides which column is what, ``timing``

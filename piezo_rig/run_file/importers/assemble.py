@@ -18,6 +18,7 @@ from piezo_rig.run_file.importers.csv_text import read_csv
 from piezo_rig.run_file.importers.damage import compare_span, saturation
 from piezo_rig.run_file.importers.file_name import NameSays, distinct_names, parse_name
 from piezo_rig.run_file.importers.lvm import read_lvm
+from piezo_rig.run_file.importers.mat import read_mat
 from piezo_rig.run_file.importers.options import (
     DISPLACEMENT,
     DRIVE,
@@ -26,12 +27,13 @@ from piezo_rig.run_file.importers.options import (
     ImportOptions,
     parse_sensitivity,
 )
+from piezo_rig.run_file.importers.said import Said
 from piezo_rig.run_file.importers.tdms import read_tdms
 from piezo_rig.run_file.importers.timing import timing_of
 from piezo_rig.run_file.importers.traces import Trace, joined, traces_of
 from piezo_rig.run_file.sweep import Sweep
 
-_READERS = {".lvm": read_lvm, ".tdms": read_tdms, ".csv": read_csv}
+_READERS = {".lvm": read_lvm, ".tdms": read_tdms, ".csv": read_csv, ".mat": read_mat}
 DEFAULT_POLARITY = -1
 ALIKE = 0.05  # repeats of one condition agree in drive and pace to this share
 
@@ -61,17 +63,19 @@ def read_recordings(
     told, warned = _Sentences(names), _Sentences(names)
     sweeps: list[Sweep] = []
     clocks: dict[str, str] = {}
+    said: list[Said | None] = []
     conditions = _Conditions(warned)
     for given in paths:
         path = Path(given)
         traces = _read(path, options, require, told, warned)
         says = parse_name(path.stem)
         for part, trace in enumerate(traces, start=1):
-            part_of = part if len(traces) > 1 else 0
+            part_of = part if len(traces) > 1 and trace.said is None else 0
             sweep = _sweep(path, trace, says, part_of, options, require, told, warned)
             sweeps.append(conditions.numbered(sweep, len(sweeps) + 1))
             clocks.setdefault(trace.clock, names[path])
-    sweeps = _with_history(sweeps, options, told, warned)
+            said.append(trace.said)
+    sweeps = _with_history(sweeps, said, options, told, warned)
     _compare_clocks(sweeps, clocks, warned)
     earliest = min(sweep.start_time for sweep in sweeps)
     return Imported(
@@ -133,7 +137,7 @@ def _read(
         warned.add(path, recording.warnings)
         traces += traces_of(recording, options, require)
     whole = joined(path, traces)
-    if len(whole) > 1:
+    if len(whole) > 1 and whole[0].said is None:
         warned.add(
             path,
             [f"holds {len(whole)} parts that do not follow each other in time; each is a sweep"],
@@ -177,8 +181,14 @@ def _sweep(
         zero = 0.0
     else:
         zero = float(sensor[0])
-        told.add(path, ["displacement is counted from the sensor's first sample"])
-    span = says.span_v if part == 0 else None
+        if trace.said is None:
+            told.add(path, ["displacement is counted from the sensor's first sample"])
+    said = trace.said
+    if said is not None:
+        told.add(path, [said.sentence()])
+        if trace.sensor is not None and not trace.is_displacement:
+            zero = said.zero_v
+    span = says.span_v if part == 0 and said is None else None
     if trace.command is not None:
         drive = calibration.gain * trace.command + calibration.offset_v
         if trace.sensor is not None:
@@ -194,16 +204,24 @@ def _sweep(
         sensitivity_um_per_v=calibration.sensitivity_um_per_v,
         polarity=calibration.polarity,
         zero_v=zero,
-        condition=f"{says.condition} part {part}" if part else says.condition,
-        repeat=says.repeat or 1,
-        history=options.history,
+        condition=_condition(says, said, part),
+        repeat=said.repeat if said else says.repeat or 1,
+        history=said.history if said and not options.given("history") else options.history,
         start_time=trace.start_s,
         origin="IMPORTED",
         drive_monitor_v=trace.monitor,
         sample_times_s=times,
         source=f"{told.name(path)} part {part}" if part else told.name(path),
-        details={"as_given_drive": trace.is_drive, "as_given_displacement": trace.is_displacement},
+        details={
+            "as_given_drive": trace.is_drive, "as_given_displacement": trace.is_displacement,
+            **(said.details if said else {}),
+        },
     )
+
+
+def _condition(says: NameSays, said: Said | None, part: int) -> str:
+    name = said.condition if said else says.condition
+    return f"{name} part {part}" if part else name
 
 
 def _calibrate(
@@ -217,6 +235,7 @@ def _calibrate(
 ) -> _Calibration:
     """What turns the recorded numbers into volts on the stack and micrometres."""
     calibration = _Calibration()
+    said = trace.said
     if trace.is_drive:
         words = (("gain", "gain"), ("offset", "offset_v"))
         ignored = [word for word, name in words if options.given(name)]
@@ -227,10 +246,15 @@ def _calibrate(
             )
         told.add(path, ["drive_v is volts on the actuator and taken as it is"])
     elif trace.command is not None:
-        calibration = replace(calibration, gain=options.gain, offset_v=options.offset_v)
-        if not options.given("gain"):
+        stated = said is not None
+        calibration = replace(
+            calibration,
+            gain=said.gain if said and not options.given("gain") else options.gain,
+            offset_v=said.offset_v if said and not options.given("offset_v") else options.offset_v,
+        )
+        if not options.given("gain") and not stated:
             told.add(path, [f"gain {options.gain:g} (drive volts per volt of command)"])
-        if not options.given("offset_v"):
+        if not options.given("offset_v") and not stated:
             told.add(path, [f"offset {options.offset_v:g} V (drive at 0 V of command)"])
     if trace.monitor is not None:
         told.add(path, ["the drive monitor is volts on the actuator and taken as it is"])
@@ -245,9 +269,15 @@ def _calibrate(
     if trace.sensor is None:
         return calibration
     polarity = options.polarity
+    if polarity is None and said is not None:
+        polarity = said.polarity
     if polarity is None:
         polarity = DEFAULT_POLARITY
         told.add(path, [f"polarity {polarity:+d} (a falling sensor voltage is extension)"])
+    if said is not None and options.sensitivity is None:
+        return replace(
+            calibration, polarity=polarity, sensitivity_um_per_v=said.sensitivity_um_per_v
+        )
     sensitivity = _sensitivity(path, says, options, DISPLACEMENT in require, told, warned)
     return replace(calibration, polarity=polarity, sensitivity_um_per_v=sensitivity)
 
@@ -384,11 +414,14 @@ class _Conditions:
 
 
 def _with_history(
-    sweeps: list[Sweep], options: ImportOptions, told: _Sentences, warned: _Sentences
+    sweeps: list[Sweep], said: Sequence[Said | None], options: ImportOptions, told: _Sentences,
+    warned: _Sentences,
 ) -> list[Sweep]:
-    """History as given; where it is carried, the first sweep's zero is carried with it."""
+    """History as given, else as stated; carried by a user's word, the first zero is carried too."""
+    if not options.given("history"):
+        sweeps = _as_stated(sweeps, said, warned)
     if options.history != "carried":
-        if not options.given("history"):
+        if not options.given("history") and None in said:
             told.add("", [f"history {options.history} (what the actuator remembers at the start)"])
         return sweeps
     told.add(
@@ -409,6 +442,25 @@ def _with_history(
             )
         carried.append(sweep)
     return carried
+
+
+def _as_stated(
+    sweeps: list[Sweep], said: Sequence[Said | None], warned: _Sentences
+) -> list[Sweep]:
+    """A history that is carried, from a sweep that does not stand before it, is unknown."""
+    out: list[Sweep] = []
+    before: Said | None = None
+    for sweep, own in zip(sweeps, said, strict=True):
+        stands = before and own and (before.run, before.sweep) == (own.run, own.follows)
+        if own and sweep.history == "carried" and not stands:
+            warned.add(sweep.source, [
+                f"carries the history of {own.follows or 'another sweep'}, which was not "
+                "given before it: its history is unknown"
+            ])
+            sweep = sweep.with_(history="unknown")
+        out.append(sweep)
+        before = own
+    return out
 
 
 def _scale(sweep: Sweep) -> tuple[float, int, object]:

@@ -19,6 +19,7 @@ from piezo_rig.run_file.importers.guards import (
 )
 from piezo_rig.run_file.importers.number_table import NumberTable, split_cells
 from piezo_rig.run_file.importers.recording import Column, Recording
+from piezo_rig.run_file.importers.said import MOST_LINES, said_in_comments
 from piezo_rig.run_file.importers.words import is_known, is_time
 
 CODE = "import-csv"
@@ -37,7 +38,7 @@ def read_csv(path: Path) -> list[Recording]:
     data = read_bytes(path)
     refuse_mislabelled(path, data)
     text, warnings = text_bytes(path, data, CODE)
-    header, start, first_line, separator, comments = _find_header(path, text)
+    header, start, first_line, separator, comments, remarks = _find_header(path, text)
     names = [cell.strip() for cell in split_cells(header, separator)] if header else []
     body = text[start:]
     if not names:
@@ -68,6 +69,7 @@ def read_csv(path: Path) -> list[Recording]:
             where=table.where,
             positional=False,
             named=bool(header),
+            said=said_in_comments(path, remarks),
             notes=table.notes
             + ([] if comments is None else [f"line {comments} is taken as its header"]),
             warnings=warnings + table.warnings,
@@ -75,11 +77,14 @@ def read_csv(path: Path) -> list[Recording]:
     ]
 
 
-def _find_header(path: Path, text: bytes) -> tuple[str, int, int, str, int | None]:
+def _find_header(
+    path: Path, text: bytes
+) -> tuple[str, int, int, str, int | None, list[str]]:
     """Header line (empty for none), where the rows begin, their line number, the separator,
-    and the number of the header's line where it stands in a comment."""
+    the number of the header's line where it stands in a comment, and all comments before."""
     position, number = 0, 0
     comment, comment_number = "", 0
+    remarks: list[str] = []
     forced = ""
     while position < len(text):
         end = text.find(b"\n", position)
@@ -90,6 +95,8 @@ def _find_header(path: Path, text: bytes) -> tuple[str, int, int, str, int | Non
             forced = line.strip()[-1]
         elif line.startswith("#"):
             comment, comment_number = line.lstrip("# "), number
+            if len(remarks) < MOST_LINES:
+                remarks.append(comment)
         elif line.strip():
             break
         position = after
@@ -99,12 +106,12 @@ def _find_header(path: Path, text: bytes) -> tuple[str, int, int, str, int | Non
         )
     separator = forced if forced in _SEPARATORS else _sniff(line)
     if not _all_numeric(split_cells(line, separator)):
-        return line, after, number + 1, separator, None
+        return line, after, number + 1, separator, None, remarks
     if comment:
         above = split_cells(comment, separator)
         if len(above) == len(split_cells(line, separator)) and any(map(is_known, above)):
-            return comment, position, number, separator, comment_number
-    return "", position, number, separator, None
+            return comment, position, number, separator, comment_number, remarks
+    return "", position, number, separator, None, remarks
 
 
 def _sniff(line: str) -> str:

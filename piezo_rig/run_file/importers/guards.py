@@ -18,7 +18,7 @@ _FORMATS = (
     (b"LabVIEW Measurement", "a LabVIEW measurement file", "give it the extension .lvm"),
     (b"PK\x03\x04", "a zip archive or spreadsheet", "unpack it, or save the sheet as .csv"),
     (b"\x1f\x8b", "a gzip archive", "unpack it first"),
-    (b"MATLAB 5.0", "a MATLAB file", "export it as .csv"),
+    (b"MATLAB 5.0", "a MATLAB file", "give it the extension .mat, if piezo-rig exported it"),
 )
 
 

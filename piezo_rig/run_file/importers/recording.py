@@ -10,6 +10,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from piezo_rig.run_file.importers.said import Said
 from piezo_rig.run_file.sweep import FloatArray
 
 
@@ -53,6 +54,7 @@ class Recording:
     named : whether the file names its columns
     segment : which of several segments of the file it is, counted from 1; 0 for the only one
     continues : whether it has no header of its own but goes on under the one before
+    said : the settings that the file states of itself, None where it does not
     notes, warnings : sentences without the file's name
     """
 
@@ -66,6 +68,7 @@ class Recording:
     continues: bool = False
     named: bool = True
     segment: int = 0
+    said: Said | None = None
     notes: list[str] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
 

@@ -21,8 +21,10 @@ from typing import Any
 import numpy as np
 
 from piezo_rig.errors import InputError
+from piezo_rig.run_file.guarded import plain
 from piezo_rig.run_file.importers.guards import read_bytes, refuse_mislabelled
 from piezo_rig.run_file.importers.recording import Column, Recording
+from piezo_rig.run_file.importers.said import MARK, Said, said_in
 from piezo_rig.run_file.importers.tdms_segments import MOST, starts
 from piezo_rig.run_file.importers.words import is_time
 from piezo_rig.run_file.sweep import FloatArray
@@ -60,6 +62,7 @@ def read_tdms(path: Path) -> list[Recording]:
             f"{path}: holds no channel with numbers in it",
             cause="the recording was stopped at once, or the file was cut off",
         )
+    said = _said(path, channels)
     times: dict[str, int] = {}  # the first time channel of each group
     for i, channel in enumerate(channels):
         if _is_time(channel):
@@ -67,13 +70,14 @@ def read_tdms(path: Path) -> list[Recording]:
     whole = Recording(
         path=path,
         kind="tdms",
-        columns=tuple(_column(path, channel, times) for channel in channels),
+        columns=tuple(_column(path, channel, times, said) for channel in channels),
         load=partial(_load, path, channels),
         where=lambda sample: f"sample {sample}",
         positional=True,
+        said=said,
         warnings=_told(complaints),
     )
-    return _in_parts(path, data, channels, whole)
+    return [whole] if said else _in_parts(path, data, channels, whole)
 
 
 def _in_parts(path: Path, data: bytes, channels: list[Any], whole: Recording) -> list[Recording]:
@@ -220,7 +224,13 @@ def _is_time(channel: Any) -> bool:
     return channel.dtype.kind == "M" or is_time(channel.name)
 
 
-def _column(path: Path, channel: Any, times: dict[str, int]) -> Column:
+def _said(path: Path, channels: list[Any]) -> Said | None:
+    """The settings of an exported sweep, which stand with each of its channels."""
+    given = {key: plain(value) for key, value in channels[0].properties.items()}
+    return said_in(path, given) if given.get("schema") == MARK else None
+
+
+def _column(path: Path, channel: Any, times: dict[str, int], said: Said | None) -> Column:
     """A channel with the waveform properties that place it in time."""
     group = channel.group_name
     own_time = _is_time(channel)
@@ -233,7 +243,7 @@ def _column(path: Path, channel: Any, times: dict[str, int]) -> Column:
         time_column=None if own_time else times.get(group),
         step_s=step,
         first_s=_property(path, channel, "wf_start_offset") or 0.0,
-        stamp=_stamp(properties.get("wf_start_time")),
+        stamp=said.start_time if said else _stamp(properties.get("wf_start_time")),
     )
 
 

@@ -13,6 +13,7 @@ from piezo_rig.errors import InputError
 from piezo_rig.run_file.importers.channels import Choice, choose
 from piezo_rig.run_file.importers.options import DISPLACEMENT, DRIVE, ImportOptions
 from piezo_rig.run_file.importers.recording import Recording, quoted
+from piezo_rig.run_file.importers.said import Said
 from piezo_rig.run_file.importers.timing import first_backward_step
 from piezo_rig.run_file.sweep import FloatArray
 
@@ -38,6 +39,7 @@ class Trace:
     command, sensor, monitor : shape (n,), None where there is none
     where : words for the place of a sample
     continues : whether it goes on under the header of the stretch before it
+    said : the settings that the file states of itself
     """
 
     times_s: FloatArray
@@ -53,6 +55,7 @@ class Trace:
     is_displacement: bool
     where: Callable[[int], str]
     continues: bool = False
+    said: Said | None = None
     assumed: list[str] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
 
@@ -208,6 +211,9 @@ def _placed(
     if recording.kind == "csv":
         stamp, clock = 0.0, OWN_CLOCK
         assumed.append("its place on the clock of recordings given together is its time_s")
+    elif recording.said is not None:
+        stamp, clock = column.stamp or 0.0, OWN_CLOCK
+        assumed.append("its place on the clock is the start_time that it states")
     elif absolute or column.stamp is not None:
         stamp, clock = (0.0 if absolute else column.stamp or 0.0), DATED
         zone = "read as UTC" if recording.kind == "lvm" else "which is UTC"
@@ -229,6 +235,7 @@ def _placed(
         is_displacement=choice.is_displacement,
         where=recording.where,
         continues=recording.continues,
+        said=recording.said,
         assumed=assumed,
         warnings=warnings,
     )
@@ -342,7 +349,9 @@ def _step(trace: Trace) -> float:
 def _following(last: Trace, trace: Trace) -> Trace | None:
     """The trace with times that continue the last one's, None where it does not continue it."""
     same = (
-        (last.command is None) == (trace.command is None)
+        last.said is None
+        and trace.said is None
+        and (last.command is None) == (trace.command is None)
         and (last.sensor is None) == (trace.sensor is None)
         and (last.monitor is None) == (trace.monitor is None)
         and (last.is_drive, last.is_displacement, last.even_step_s, last.clock)

@@ -56,7 +56,17 @@ def _csv_seeds(folder: Path) -> list[bytes]:
         rows = [separator.join(f"{v:.6f}".replace(".", decimal) for v in row)
                 for row in _table()[:, columns]]
         seeds.append("\n".join([names.replace(",", separator), *rows, ""]).encode())
-    return seeds
+    return [*seeds, *_exported("csv", folder)]
+
+
+def _exported(format: str, folder: Path) -> list[bytes]:
+    """What `piezo-rig export` writes of a small run."""
+    from piezo_rig.run_file.exporters import export_run
+    from piezo_rig.run_file.reader import Run
+
+    run = Run(write_plain(folder / f"to_{format}.h5", 2))
+    files = export_run(run, format, folder / f"exported.{format}.d").files
+    return [path.read_bytes() for path in files]
 
 
 def _lvm_seeds(folder: Path) -> list[bytes]:
@@ -97,7 +107,7 @@ def _tdms_seeds(folder: Path) -> list[bytes]:
                     ChannelObject("Rig", "Sensor", table[part, 2], said),
                 ])
         seeds.append(path.read_bytes())
-    return seeds
+    return [*seeds, *_exported("tdms", folder)]
 
 
 def _read_recording(path: Path) -> None:
@@ -242,8 +252,12 @@ def _model_seeds(folder: Path) -> list[bytes]:
 
 def _read_model(path: Path) -> None:
     from piezo_rig.causes import load_model
+    from piezo_rig.model_export import c_source, write_csv_tables
 
     model = load_model(path)
+    with contextlib.suppress(InputError):
+        c_source(model, "fuzzed", 5000.0)
+    write_csv_tables(model, path.with_suffix(".csv"))
     time = 1e-3 * np.arange(60, dtype=np.float64)
     drive = np.interp(time, [0, 0.02, 0.03, 0.06], [0.0, 60.0, 20.0, 75.0]).astype(np.float64)
     for history in ("virgin", "unknown"):
@@ -260,9 +274,11 @@ FORMATS: dict[str, Format] = {
         b"Channels\t", b"Delta_X\t", b"X0\t", b"Samples\t", b"Date\t", b"Time\t", b"X_Value\t",
     ), 1.5),
     "tdms": Format(".tdms", _tdms_seeds, _read_recording, (), 1.5),
+    "mat": Format(".mat", lambda folder: _exported("mat", folder), _read_recording),
     "csv": Format(".csv", _csv_seeds, _read_recording, (
         b"time_s", b"drive_v", b"displacement_um", b"command_v", b"sensor_v", b",", b";", b"\t",
         b"\"", b"\n", b"#", b"nan", b"\xef\xbb\xbf", b"\xff\xfe", b"\0",
+        b"# piezo-rig/sweep/1\n", b"# gain = ", b"# history = ", b"# repeat = ", b"= [[",
     ), 1.5),
     "h5": Format(".h5", _h5_seeds, _read_run, (), 2.0),
     "transcript": Format(".bin", _transcript_seeds, _replay_transcript, (), 0.3),

@@ -1,0 +1,337 @@
+"""What every stage but the kernel becomes in C: members of the state, and one sample's step.
+
+In the step, ``v`` is the drive and ``x`` the displacement so far. ``s->begun`` is 0 in the first
+call, in which states settle. At a fixed sample period the exact responses of `piezo_rig.chain`
+to straight pieces have constant coefficients.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from piezo_rig.causes.amplifier_lag import AmplifierLag
+from piezo_rig.causes.clock_ratio import ClockRatio
+from piezo_rig.causes.creep import TIMES_S, Creep
+from piezo_rig.causes.cycle_aging import CycleAging
+from piezo_rig.causes.drive_clipping import DriveClipping
+from piezo_rig.causes.drive_gain import DriveGain
+from piezo_rig.causes.periodic_nonlinearity import HALF_WAVE_UM, PeriodicNonlinearity
+from piezo_rig.causes.rate_dependence import REFERENCE_V_PER_S, RateDependence
+from piezo_rig.causes.remanence import Remanence
+from piezo_rig.causes.resonance import Resonance
+from piezo_rig.causes.sensor_clipping import SensorClipping
+from piezo_rig.causes.sensor_scale import SensorScale
+from piezo_rig.causes.slew_limit import SlewLimit
+from piezo_rig.causes.time_skew import TimeSkew
+from piezo_rig.chain.bend import POWERS, Bend
+from piezo_rig.chain.branches import Branches
+from piezo_rig.chain.stage import Stage
+from piezo_rig.model_export.c_text import array, number
+
+LONGEST_LINE = 1_000_000  # samples of delay
+
+
+@dataclass(frozen=True)
+class Part:
+    """One stage in C: constant tables, members of the state, statements of the step."""
+
+    tables: str = ""
+    members: str = ""
+    step: str = ""
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where a part stands: the C prefix, a number of its own, the sample period, the branches."""
+
+    name: str
+    index: int
+    period_s: float
+    branches: Branches
+
+    def own(self, word: str) -> str:
+        """A member of the state that no other part has."""
+        return f"p{self.index}_{word}"
+
+
+def decay_and_hold(period_s: float, tau_s: float) -> tuple[float, float]:
+    """Coefficients of d, how far a first-order lag is off a signal that is straight in between.
+
+    d = decay d - hold (x - x before)
+    """
+    z = period_s / tau_s
+    return math.exp(-z), -math.expm1(-z) / z
+
+
+def _drive_gain(stage: Stage, at: Place) -> Part:
+    return Part(step=f"v = {number(stage['ratio'])} * v;")
+
+
+def _drive_clipping(stage: Stage, at: Place) -> Part:
+    low, high = number(stage["lower"]), number(stage["upper"])
+    return Part(step=f"if (v < {low}) v = {low};\nif (v > {high}) v = {high};")
+
+
+def _slew_limit(stage: Stage, at: Place) -> Part:
+    most, out = number(stage["limit"] * at.period_s), at.own("out")
+    return Part(
+        members=f"double {out};",
+        step=f"""\
+if (!s->begun)
+    s->{out} = v;
+if (v - s->{out} > {most})
+    s->{out} += {most};
+else if (v - s->{out} < -{most})
+    s->{out} -= {most};
+else
+    s->{out} = v;
+v = s->{out};""",
+    )
+
+
+def _lag(at: Place, tau_s: float) -> Part:
+    """``off``: how far the drive behind a lag is off the drive."""
+    decay, hold = (number(c) for c in decay_and_hold(at.period_s, tau_s))
+    off, before = at.own("off"), at.own("before")
+    return Part(
+        members=f"double {off}, {before};",
+        step=f"""\
+if (!s->begun) {{
+    s->{off} = 0.0;
+    s->{before} = v;
+}}
+s->{off} = {decay} * s->{off} - {hold} * (v - s->{before});
+if (fabs(s->{off}) < 1e-200)
+    s->{off} = 0.0;
+s->{before} = v;""",
+    )
+
+
+def _amplifier_lag(stage: Stage, at: Place) -> Part:
+    if stage["tau"] <= 0.0:
+        return Part()
+    lag = _lag(at, stage["tau"])
+    return Part(members=lag.members, step=f"{lag.step}\nv += s->{at.own('off')};")
+
+
+def _rate_dependence(stage: Stage, at: Place) -> Part:
+    assert isinstance(stage, RateDependence)
+    lag = _lag(at, stage.window)
+    rate, exponent = at.own("rate"), number(stage["exponent"])
+    begin = f"""\
+{lag.step}
+s->{rate} = -s->{at.own('off')} / {number(stage.window)} / {number(REFERENCE_V_PER_S)};
+"""
+    members = f"{lag.members}\ndouble {rate};"
+    if not stage.widens:
+        return Part(members=members, step=begin + f"""\
+x -= {number(stage['lag_um'])} * (s->{rate} < 0.0 ? -1.0 : 1.0)
+     * pow(fabs(s->{rate}), {exponent});""")
+    seen, width = at.own("seen"), at.own("width")
+    return Part(
+        members=f"{members}\ndouble {seen}, {width};",
+        step=begin + f"""\
+s->{width} = {number(stage.widens_by_v(at.branches))} * pow(fabs(s->{rate}), {exponent});
+if (!s->begun)
+    s->{seen} = v;
+if (s->{seen} < v - s->{width})
+    s->{seen} = v - s->{width};
+if (s->{seen} > v + s->{width})
+    s->{seen} = v + s->{width};
+seen = s->{seen};""",
+    )
+
+
+def _bend(stage: Stage, at: Place) -> Part:
+    terms = [number(stage[name]) for name, _ in sorted(POWERS.items(), key=lambda p: p[1])]
+    nested = terms[-1]
+    for term in reversed(terms[:-1]):
+        nested = f"({term} + u * {nested})"
+    return Part(step=f"""\
+{{
+    double u = (v - {number(stage['from_v'])}) / {number(stage['over_v'])};
+    x += u * u * {nested};
+}}""")
+
+
+def _creep(stage: Stage, at: Place) -> Part:
+    assert isinstance(stage, Creep)
+    pairs = [decay_and_hold(at.period_s, float(t)) for t in TIMES_S]
+    n, name = len(pairs), f"{at.name}_{at.index}"
+    total = number(float(stage.shares.sum()))
+    off, before, start = at.own("off"), at.own("before"), at.own("start")
+    return Part(
+        tables="\n".join((
+            "/* Creep: decay and hold of each relaxation over one sample, and its weight. */",
+            array(f"{name}_decay", [decay for decay, _ in pairs]),
+            array(f"{name}_hold", [hold for _, hold in pairs]),
+            array(f"{name}_weight", stage.shares),
+        )),
+        members=f"double {off}[{n}], {before}, {start};",
+        step=f"""\
+{{
+    int k;
+    double crept = 0.0;
+    if (!s->begun) {{
+        for (k = 0; k < {n}; k++)
+            s->{off}[k] = 0.0;
+        s->{start} = s->{before} = x;
+    }}
+    for (k = 0; k < {n}; k++) {{
+        s->{off}[k] = {name}_decay[k] * s->{off}[k] - {name}_hold[k] * (x - s->{before});
+        if (fabs(s->{off}[k]) < 1e-200)
+            s->{off}[k] = 0.0;
+        crept += {name}_weight[k] * s->{off}[k];
+    }}
+    s->{before} = x;
+    x += {total} * (x - s->{start}) + crept;
+}}""",
+    )
+
+
+def _cycle_aging(stage: Stage, at: Place) -> Part:
+    drive, way, halves, gain, before, aged = (
+        at.own(w) for w in ("drive", "way", "halves", "gain", "before", "aged")
+    )
+    return Part(
+        members=f"double {drive}, {halves}, {gain}, {before}, {aged};\nint {way};",
+        step=f"""\
+if (!s->begun) {{
+    s->{drive} = v;
+    s->{way} = 0;
+    s->{halves} = s->{gain} = s->{aged} = 0.0;
+    s->{before} = x;
+}}
+if (v != s->{drive}) {{
+    int way = v > s->{drive} ? 1 : -1;
+    if (s->{way} == -way) {{ /* two half loops are a cycle */
+        s->{halves} += 1.0;
+        s->{gain} = log10(floor(0.5 * s->{halves}) + 1.0);
+    }}
+    s->{way} = way;
+    s->{drive} = v;
+}}
+s->{aged} += s->{gain} * (x - s->{before});
+s->{before} = x;
+x += {number(stage['rate_per_decade'])} * s->{aged};""",
+    )
+
+
+def _resonance(stage: Stage, at: Place) -> Part:
+    h, damping = at.period_s, stage["damping"]
+    omega = 2.0 * math.pi * stage["frequency"]
+    ringing = omega * math.sqrt(1.0 - damping * damping)
+    fade = math.exp(-damping * omega * h)
+    c, s = fade * math.cos(ringing * h), fade * math.sin(ringing * h) / ringing
+    off, rate, slope, before = (at.own(w) for w in ("off", "rate", "slope", "before"))
+    return Part(
+        members=f"double {off}, {rate}, {slope}, {before};",
+        step=f"""\
+{{
+    double fast, e, w;
+    if (!s->begun) {{
+        s->{off} = s->{rate} = s->{slope} = 0.0;
+        s->{before} = x;
+    }}
+    fast = (x - s->{before}) / {number(h)};
+    e = s->{off} + {number(2.0 * damping / omega)} * (fast - s->{slope});
+    w = s->{rate} - (fast - s->{slope});
+    s->{slope} = fast;
+    s->{before} = x;
+    s->{off} = {number(c)} * e + {number(s)} * (w + {number(damping * omega)} * e);
+    s->{rate} = {number(c)} * w
+        - {number(s)} * ({number(omega * omega)} * e + {number(damping * omega)} * w);
+    x += {number(stage['share'])} * (s->{off} - {number(2.0 * damping / omega)} * fast);
+}}""",
+    )
+
+
+def _periodic(stage: Stage, at: Place) -> Part:
+    terms = [
+        f"{number(1e-3 * stage[which])} * {function}({order}a)"
+        for which, function, order in (
+            ("sine", "sin", ""), ("cosine", "cos", ""),
+            ("sine_2", "sin", "2.0 * "), ("cosine_2", "cos", "2.0 * "),
+        )
+    ]
+    angle = number(2.0 * math.pi / HALF_WAVE_UM)
+    lines = "\n       + ".join(terms)
+    return Part(step=f"{{\n    double a = {angle} * x;\n    x += {lines};\n}}")
+
+
+def _sensor_clipping(stage: Stage, at: Place) -> Part:
+    end = at.own("end")
+    beyond = ">" if stage["level"] > 0 else "<"
+    return Part(members=f"double {end};", step=f"""\
+if (!s->begun)
+    s->{end} = x + {number(stage['level'])};
+if (x {beyond} s->{end})
+    x = s->{end};""")
+
+
+def _sensor_scale(stage: Stage, at: Place) -> Part:
+    return Part(step=f"x = x / {number(stage['ratio'])};")
+
+
+def _time_skew(stage: Stage, at: Place) -> Part:
+    if stage["delay"] == 0.0:
+        return Part()
+    late = stage["delay"] / at.period_s
+    whole = math.floor(late)
+    size, line, next_ = whole + 2, at.own("line"), at.own("next")
+    return Part(
+        members=f"double {line}[{size}];\nint {next_};",
+        step=f"""\
+{{
+    int k, newer, older;
+    if (!s->begun) {{
+        for (k = 0; k < {size}; k++)
+            s->{line}[k] = x;
+        s->{next_} = 0;
+    }}
+    s->{line}[s->{next_}] = x;
+    newer = (s->{next_} + {size - whole}) % {size};
+    older = (s->{next_} + {size - whole - 1}) % {size};
+    s->{next_} = (s->{next_} + 1) % {size};
+    x = s->{line}[newer] + {number(late - whole)} * (s->{line}[older] - s->{line}[newer]);
+}}""",
+    )
+
+
+PARTS: dict[type[Stage], Callable[[Stage, Place], Part]] = {
+    DriveGain: _drive_gain,
+    DriveClipping: _drive_clipping,
+    SlewLimit: _slew_limit,
+    AmplifierLag: _amplifier_lag,
+    RateDependence: _rate_dependence,
+    Bend: _bend,
+    Creep: _creep,
+    CycleAging: _cycle_aging,
+    Resonance: _resonance,
+    PeriodicNonlinearity: _periodic,
+    SensorClipping: _sensor_clipping,
+    SensorScale: _sensor_scale,
+    TimeSkew: _time_skew,
+}
+"""The stages that act on a signal and have a C form."""
+
+
+def no_form(stage: Stage, period_s: float) -> str:
+    """Why a stage has no C form; empty where it has one."""
+    if stage.locked_to == "clock":
+        return "it follows the clock and not the drive; simulate leaves it out as well"
+    if isinstance(stage, Remanence):
+        return ("the memory of drives before the first sample; the function begins virgin, as "
+                "simulate does with one drive")
+    if isinstance(stage, ClockRatio):
+        return ("its delay grows with the time since a trigger, without end; a controller has "
+                "no trigger")
+    if isinstance(stage, CycleAging) and "whole" in stage.parameters and stage["whole"] > 0:
+        return "in this form it needs the end of the half loop that is being played"
+    if isinstance(stage, TimeSkew) and stage["delay"] < 0.0:
+        return f"the record is {-stage['delay']:g} s ahead of the displacement: not causal"
+    if isinstance(stage, TimeSkew) and stage["delay"] / period_s > LONGEST_LINE:
+        return f"its delay is longer than {LONGEST_LINE} samples"
+    return ""
