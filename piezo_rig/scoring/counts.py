@@ -1,15 +1,16 @@
-"""Rows of the hidden-effect study, counted."""
+"""Rows of a hidden-effect study or of a challenge, counted."""
 
 from __future__ import annotations
 
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 import numpy as np
 
-from piezo_rig.studies.diagnosis_case import Row
-from piezo_rig.studies.document import number, table
+from piezo_rig.scoring.tables import number, table
+
+Row = dict[str, Any]  # one case: what was hidden, what was said of it
 
 SHARE_FROM = 0.05  # of the error on the unseen drive that the effect must make up to be counted
 
@@ -207,3 +208,24 @@ def _unseen(rows: Sequence[Row]) -> str:
     body.append(("all", len(every), *(number(float(np.quantile(every, q)), 2)
                                       for q in (0.1, 0.5, 0.9))))  # fmt: skip
     return table(("gain on an unseen drive, of the possible", "n", "10 %", "median", "90 %"), body)
+
+
+def isolation(rows: Sequence[Row]) -> dict[str, Counter[str]]:
+    """True cause -> first finding -> how often; strangers are one row, failures are left out."""
+    counts: dict[str, Counter[str]] = {}
+    for r in rows:
+        if r["error"]:
+            continue
+        truth = r["truth"]["cause"]
+        truth = "stranger" if truth.startswith("stranger:") else truth
+        first = r["findings"][0]["cause"] if r["findings"] else "nothing"
+        counts.setdefault(truth, Counter())[first] += 1
+    return counts
+
+
+def matrix(rows: Sequence[Row]) -> str:
+    """True cause against the first finding, counted."""
+    counts = isolation(rows)
+    columns = sorted({c for row in counts.values() for c in row})
+    body = [(t, *(counts[t][c] or "" for c in columns)) for t in sorted(counts)]
+    return table(("hidden, first finding", *columns), body)
