@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from piezo_rig.bench import Bench
     from piezo_rig.config import Rig
     from piezo_rig.diagnosis.follow_up import Decision, FollowUp
+    from piezo_rig.protocol import Protocol
     from piezo_rig.run_file.sweep import Sweep
 
 PAUSE_S = 60.0  # on a virtual clock, between the data and what follows them
@@ -34,13 +35,12 @@ def play_follow_up(
     """
     from piezo_rig.commands.run import make_room, record, recover_runs
     from piezo_rig.config import load_rig
-    from piezo_rig.protocol import build_plan, load_protocol
-    from piezo_rig.resources import find
+    from piezo_rig.protocol import build_plan
     from piezo_rig.runner import new_run_path
 
     rig = load_rig(rig_name)
     _check_stack(rig, data)
-    plan = build_plan(load_protocol(find("protocols", advice.protocol)), rig)
+    plan = build_plan(_protocol(advice.protocol, sweeps[0].sample_rate), rig)
     folder = Path(data[0]).absolute().parent
     make_room(folder, plan)
     recover_runs(folder)
@@ -56,6 +56,20 @@ def play_follow_up(
     print(f"follow-up {advice.protocol}: to tell {' from '.join(advice.separates)}")
     return record(plan, rig, new_run_path(folder, plan.protocol.name), check=same_origin,
                   clock=_clock_after(rig, sweeps))  # fmt: skip
+
+
+def _protocol(name: str, rate: float) -> Protocol:
+    """A shipped protocol at the data's sample rate: sweeps of two rates cannot be joined."""
+    import re
+
+    from piezo_rig.config.toml_text import Document
+    from piezo_rig.protocol.protocol_file import parse_protocol
+    from piezo_rig.resources import find, read_text
+
+    path = find("protocols", name)
+    text = re.sub(r"(?m)^sample_rate\s*=.*$", f"sample_rate = {rate:.17g}",
+                  read_text(path, "protocol file"))
+    return parse_protocol(Document(text, str(path), "protocol"))
 
 
 def _check_stack(rig: Rig, data: Sequence[str]) -> None:
