@@ -98,8 +98,11 @@ class _Bench:
 
     @property
     def reach(self) -> Reach:
-        return Reach(max(float(v.max()) for v in self.rehearsal.drives_v),
-                     max(float(x.max()) for x in self.bare_um))  # fmt: skip
+        drives = self.rehearsal.drives_v
+        return Reach(
+            max(float(v.max()) for v in drives), max(float(x.max()) for x in self.bare_um),
+            self.rehearsal.rate * max(float(np.abs(np.diff(v)).max()) for v in drives),
+        )  # fmt: skip
 
     def change(self, effects: Sequence[Settings]) -> list[FloatArray]:
         """What effects change in every recording, um."""

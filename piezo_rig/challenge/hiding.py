@@ -27,10 +27,11 @@ Rng = np.random.Generator
 
 @dataclass(frozen=True)
 class Reach:
-    """How far the drive and the displacement go in a case, V and um."""
+    """How far drive and displacement go in a case, V and um, and how fast the drive, V/s."""
 
     drive_v: float
     travel_um: float
+    slew_v_per_s: float
 
 
 def _nothing(rng: Rng, reach: Reach) -> Settings:
@@ -93,7 +94,7 @@ CAUSES: tuple[Kind, ...] = (
     Kind("drive-clipping", "drive_clipping", "drive", _at_all, 0.5, 20.0, below="upper",
          drawn=lambda rng, reach: {"upper": reach.drive_v}, parameters={"upper": "upper"}),
     Kind("slew-limit", "slew_limit", "drive", _at_all, 1.0, None,
-         drawn=lambda rng, reach: {"limit": float(rng.uniform(60.0, 140.0))},
+         drawn=lambda rng, reach: {"limit": float(rng.uniform(0.5, 0.85)) * reach.slew_v_per_s},
          parameters={"limit": "limit"}),
     Kind("amplifier-lag", "amplifier_lag", "drive", _at_all, 1.0, None,
          drawn=lambda rng, reach: {"tau": float(rng.uniform(1e-4, 2e-3))}),

@@ -31,6 +31,9 @@ class Judge:
         self.rehearsal = rehearsal
         self.repeats = rehearsal.plan.protocol.repeats
         self.oracle = Oracle.of(rehearsal.drives_v, noise, self.repeats)
+        # errors are counted in nm, whatever their colour: what fits them best is plain
+        plain = Noise(np.zeros(0), np.zeros(0), 1e-3)
+        self.least_squares = Oracle.of(rehearsal.drives_v, plain, self.repeats)
 
     def d_prime(self, change: Rows) -> float:
         """How visible a change of all recordings is, rows (n,) in um."""
@@ -84,8 +87,8 @@ class Judge:
     def left_nm(self, seen: Rows, changes: Mapping[str, Rows]) -> dict[str, float]:
         """Held-out rms errors, nm, with any of the hidden causes taken off the recordings.
 
-        The base is fitted to one repeat and judged on the other, each in turn; every recording
-        has an offset of its own. Keys are causes joined by ``+``, empty for none.
+        The base is fitted to one repeat by least squares and judged on the other, each in turn;
+        every recording has an offset of its own. Keys are causes joined by ``+``, empty for none.
         """
         out = {}
         names = sorted(changes)
@@ -104,7 +107,7 @@ class Judge:
         square, count = 0.0, 0
         for repeat in range(self.repeats):
             trained = [
-                self.oracle.fitted(rows[per * r : per * (r + 1)])
+                self.least_squares.fitted(rows[per * r : per * (r + 1)])
                 for r in range(self.repeats) if r != repeat
             ]  # fmt: skip
             fitted = np.mean(trained, axis=0)
