@@ -13,7 +13,7 @@ from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from functools import partial
-from multiprocessing import get_context
+from multiprocessing import active_children, get_context
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -63,6 +63,7 @@ def contest(seed: int, cases: int, folder: Path, jobs: int, tell: Tell) -> list[
             seals[name_of(index)] = sealed
     for name in sorted(seals):
         tell(f"sealed {name}  sha256 {seals[name]}")
+    write_sums(folder)  # a challenge that is stopped can still be scored as far as it went
     times: dict[str, float] = {}
     names = sorted(seals)
     results = _each(partial(_perform, str(folder), names), range(len(names)), jobs)
@@ -165,6 +166,8 @@ def _each(
                     lost.append(futures[future])
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)
+            for child in active_children():  # nobody waits for what they would say
+                child.terminate()
             raise
     for item in lost:  # a process died: whose fault it was shows when each has its own
         with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:

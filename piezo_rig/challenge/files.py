@@ -23,6 +23,18 @@ from piezo_rig.run_file.sweep import Sweep
 
 SUMS = "SHA256SUMS"
 HEADER = "time_s,drive_v,displacement_um"
+README = """Recordings of simulated piezo actuators, with effects hidden in some of them.
+
+cases/case_0001/0-75 test 2.csv   repeat 2 of condition 0-75: time_s,drive_v,displacement_um.
+    Every recording begins with a virgin actuator; time_s is one clock within a case.
+truth/    what is hidden. Look at it afterwards. SHA256SUMS seals it.
+answers/  what piezo-rig said: one diagnosis JSON per case.
+
+Write your own answers as ANSWERS/case_0001.json, at least
+    {"findings": [{"cause": "creep"}], "unexplained": {"detected": false}}
+and score them: piezo-rig challenge --score ANSWERS --out THIS_FOLDER
+docs/challenge.md of piezo-rig explains how cases are made and what each figure means.
+"""
 
 
 def seal(folder: Path, case: Case) -> str:
@@ -66,7 +78,8 @@ def sha256(path: Path) -> str:
 
 
 def write_sums(folder: Path) -> None:
-    """Hashes of every truth and recording, as ``sha256sum --check`` reads them."""
+    """Hashes of every truth and recording, as ``sha256sum --check`` reads them; and a read-me."""
+    (folder / "README.txt").write_text(README, encoding="utf-8", newline="\n")
     paths = sorted([*(folder / "truth").glob("*.json"), *(folder / "cases").rglob("*.csv")])
     lines = [f"{sha256(p)}  {p.relative_to(folder).as_posix()}\n" for p in paths]
     (folder / SUMS).write_text("".join(lines), encoding="utf-8", newline="\n")
