@@ -94,7 +94,7 @@ CAUSES: tuple[Kind, ...] = (
     Kind("drive-clipping", "drive_clipping", "drive", _at_all, 0.5, 20.0, below="upper",
          drawn=lambda rng, reach: {"upper": reach.drive_v}, parameters={"upper": "upper"}),
     Kind("slew-limit", "slew_limit", "drive", _at_all, 1.0, None,
-         drawn=lambda rng, reach: {"limit": float(rng.uniform(0.5, 0.85)) * reach.slew_v_per_s},
+         drawn=lambda rng, reach: {"limit": float(rng.uniform(0.93, 0.99)) * reach.slew_v_per_s},
          parameters={"limit": "limit"}),
     Kind("amplifier-lag", "amplifier_lag", "drive", _at_all, 1.0, None,
          drawn=lambda rng, reach: {"tau": float(rng.uniform(1e-4, 2e-3))}),
