@@ -18,10 +18,10 @@ class Clock(Protocol):
 
 
 class RealClock:
-    """The machine's monotonic clock, counted from the clock's creation."""
+    """The machine's monotonic clock; it says ``start`` at its creation."""
 
-    def __init__(self) -> None:
-        self._start = time.monotonic()
+    def __init__(self, start: float = 0.0) -> None:
+        self._start = time.monotonic() - start
 
     def now(self) -> float:
         return time.monotonic() - self._start

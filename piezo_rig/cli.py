@@ -30,6 +30,7 @@ VERBS = {
     "identify": "identify",
     "simulate": "simulate",
     "diagnose": "diagnose",
+    "challenge": "challenge",
     "bench": "bench",
     "show": "show",
     "verify": "verify",

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from piezo_rig.diagnosis import Diagnosis
     from piezo_rig.fleet import Item
 
 HELP = "name what the model gets wrong, and why"
@@ -43,6 +44,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--save-model", metavar="OUT.json", help="write the extended model")
     parser.add_argument("--figure", metavar="OUT.png", help="draw the ladder of errors")
+    parser.add_argument(
+        "--follow-up", action="store_true",
+        help="play the protocol that separates confounded causes, and diagnose everything again",
+    )
+    parser.add_argument(
+        "--rig", metavar="CONFIG", help="the bench that --follow-up plays on: that of the data"
+    )
     parser.add_argument("--seed", type=int, default=0, help="of the simulated nulls")
 
 
@@ -59,25 +67,49 @@ def _together(args: argparse.Namespace) -> int:
     from piezo_rig.causes import NAMED_MODELS, load_model
     from piezo_rig.commands.console import Progress
     from piezo_rig.commands.data_options import load_data
+    from piezo_rig.commands.follow_up import lines, play_follow_up
     from piezo_rig.diagnosis import diagnose, document, text
+    from piezo_rig.diagnosis.follow_up import decide
     from piezo_rig.identification import save_model
     from piezo_rig.report.ladder import ladder_figure
     from piezo_rig.report.page import report_page
     from piezo_rig.resources import find
 
+    _check_follow_up(args)
     outputs = _outputs(args)
     baseline = args.baseline
     if baseline not in NAMED_MODELS:
         baseline = load_model(find("calibration", baseline))
     sweeps, hashes = load_data(args, for_diagnosis=True)
-    progress = Progress()
-    try:
-        found = diagnose(sweeps, baseline, args.seed, progress)
-    finally:
-        progress.close()
-    print("\n".join(text(found)))
+
+    def diagnosed() -> Diagnosis:
+        progress = Progress()
+        try:
+            found = diagnose(sweeps, baseline, args.seed, progress)
+        finally:
+            progress.close()
+        print("\n".join(text(found)))
+        return found
+
+    found = diagnosed()
+    followed: dict[str, object] = {}
+    if args.follow_up and found.follow_up is None:
+        print("follow-up nothing is confounded: nothing is played")
+    elif args.follow_up and found.follow_up is not None:
+        advice = found.follow_up
+        run = play_follow_up(advice, args.rig, args.data, sweeps, args.mixed_origin)
+        args.data = [*args.data, str(run)]
+        sweeps, hashes = load_data(args, for_diagnosis=True)
+        found = diagnosed()
+        decision = decide(advice.separates, {f.cause: f.alternatives for f in found.findings})
+        print("\n".join(lines(decision, run)))
+        followed = {"followed_up": {
+            "run": str(run), "protocol": advice.protocol, "separates": advice.separates,
+            "decided": decision.decided, "kept": decision.kept, "fell": decision.fell,
+            "still_confounded": decision.still,
+        }}  # fmt: skip
     if "json" in outputs:
-        _write_json(document(found), outputs["json"])
+        _write_json(document(found) | followed, outputs["json"])
         print(f"json: {outputs['json']}")
     if "save_model" in outputs:
         runs = [{"name": n, "sha256": h} for n, h in sorted(hashes.items())]
@@ -108,6 +140,13 @@ def _each(args: argparse.Namespace) -> int:
     from piezo_rig.errors import InputError
     from piezo_rig.resources import find
 
+    _check_follow_up(args)
+    if args.follow_up:
+        raise InputError(
+            "usage", "--follow-up plays on one bench, for one actuator",
+            "with a folder as --json every one of DATA is diagnosed by itself",
+            "give a file as --json, or diagnose that actuator alone",
+        )
     outputs = []
     for name, ending in IN_FOLDER.items():
         given = getattr(args, name)
@@ -144,6 +183,18 @@ def _analysed(options: Mapping[str, Any], item: Item, place: Path) -> dict[str, 
     }))  # fmt: skip
     text = (place / f"{item.name}{IN_FOLDER['json']}").read_text(encoding="utf-8")
     return about | row_of(json.loads(text))
+
+
+def _check_follow_up(args: argparse.Namespace) -> None:
+    """Raise InputError where --follow-up and --rig do not come together."""
+    from piezo_rig.errors import InputError
+
+    if args.follow_up != bool(args.rig):
+        raise InputError(
+            "usage", "--follow-up needs --rig CONFIG, the bench to play on" if args.follow_up
+            else "--rig goes with --follow-up", "a slip on the command line",
+            "see 'piezo-rig diagnose --help'",
+        )
 
 
 def _outputs(args: argparse.Namespace) -> dict[str, Path]:

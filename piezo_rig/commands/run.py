@@ -6,8 +6,11 @@ import argparse
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
     from pathlib import Path
 
+    from drivers.clock import Clock
+    from piezo_rig.bench import Bench
     from piezo_rig.config import Rig
     from piezo_rig.protocol import Plan
     from piezo_rig.run_file.reader import Run
@@ -190,9 +193,13 @@ def make_room(folder: Path, plan: Plan) -> None:
 
 
 def record(
-    plan: Plan, rig: Rig, path: Path, seam: Seam | None = None, run: Run | None = None
+    plan: Plan, rig: Rig, path: Path, seam: Seam | None = None, run: Run | None = None,
+    check: Callable[[Bench], None] | None = None, clock: Clock | None = None,
 ) -> Path:
-    """Play a plan into a new run, or what ``run`` lacks into it; returns the run."""
+    """Play a plan into a new run, or what ``run`` lacks into it; returns the run.
+
+    ``check`` refuses a bench before anything moves; ``clock`` replaces the rig's.
+    """
     import time
 
     from piezo_rig.bench import open_bench
@@ -215,12 +222,14 @@ def record(
     print(f"to follow it from another terminal: piezo-rig watch {path}")
     try:
         report = path.with_name(path.name.removesuffix(".h5") + GUARD_SUFFIX)
-        with open_bench(rig, confirm, wire, report=report, tell=print) as bench:
+        with open_bench(rig, confirm, wire, clock, report=report, tell=print) as bench:
             for instrument in bench.instruments:
                 print(f"  {instrument.name:<15} {instrument.idn}")
             print(f"  all {bench.origin}; actuator {rig.actuator.model} {rig.actuator.serial}")
             if run:
                 check_bench(run, bench)
+            if check:
+                check(bench)
             begun = time.monotonic()
             play(plan, bench, path, wire, progress, seam)
             took = time.monotonic() - begun

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -30,6 +31,55 @@ class FollowUp:
     protocol: str
     separates: list[str]
     cosine: float
+
+
+@dataclass(frozen=True)
+class Decision:
+    """What a follow-up settled.
+
+    Attributes
+    ----------
+    kept : causes of the confused set that are found in all data together
+    fell : causes of it that are neither found nor an alternative any more
+    still : causes that still cannot be told from one that is kept
+    text : the same in a sentence
+    """
+
+    kept: list[str]
+    fell: list[str]
+    still: list[str]
+    text: str
+
+    @property
+    def decided(self) -> bool:
+        return bool(self.kept) and not self.still
+
+
+def decide(separates: Sequence[str], joined: Mapping[str, Sequence[str]]) -> Decision:
+    """Which of a confused set survive a diagnosis of everything.
+
+    Parameters
+    ----------
+    separates : the set, as `FollowUp` has it
+    joined : finding -> its alternatives, of the joined diagnosis
+    """
+    kept = [c for c in joined if c in separates]
+    open_ = {a for c in kept for a in joined[c]} | {
+        a for c in joined if c not in separates for a in joined[c] if a in separates
+    }
+    still = sorted(open_ - set(kept))
+    fell = [c for c in separates if c not in kept and c not in still]
+    if not kept and not still:
+        text = "undecided: in all data together none of them is found"
+    elif not kept:
+        text = f"undecided: {', '.join(still)} is possible, but another cause is found first"
+    elif still:
+        text = f"undecided: {', '.join(kept)} still cannot be told from {', '.join(still)}"
+    elif len(kept) > 1:
+        text = f"decided: {' and '.join(kept)} are there, side by side"
+    else:
+        text = f"decided: {kept[0]}"
+    return Decision(kept, fell, still, text)
 
 
 def follow_up(space: Space, fitted: Fitted, alternatives: dict[str, list[str]]) -> FollowUp | None:

@@ -22,9 +22,9 @@ from typing import Any
 
 import numpy as np
 
-from piezo_rig.studies.diagnosis_case import Row, Spec, run_case
+from piezo_rig.scoring.counts import Row, summary
+from piezo_rig.studies.diagnosis_case import Spec, run_case
 from piezo_rig.studies.diagnosis_document import write
-from piezo_rig.studies.diagnosis_summary import summary
 from piezo_rig.studies.hidden import NOISES, PROTOCOLS
 
 

@@ -6,7 +6,6 @@ import time
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,10 +15,10 @@ from piezo_rig.chain import Model, half_loops
 from piezo_rig.diagnosis import Diagnosis, diagnose
 from piezo_rig.identification import identify
 from piezo_rig.run_file.sweep import Sweep
+from piezo_rig.scoring.counts import Row
 from piezo_rig.studies.hidden import Case, draw
 
 FloatArray = NDArray[np.float64]
-Row = dict[str, Any]
 # removed from the recordings before any model
 CLOCK_FIRST = ("outliers", "mains-hum", "fringe-jump", "dropped-samples")
 AGAIN, BEFORE = 1000, 1001  # seeds of the second session, and of the one before the effect

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 
-from piezo_rig.studies.diagnosis_case import Row
-from piezo_rig.studies.diagnosis_summary import summary
-from piezo_rig.studies.document import table
+from piezo_rig.scoring.counts import Row, matrix, summary
 
 HEAD = """# How well the diagnosis does
 
@@ -29,21 +26,6 @@ gain on an unseen drive is that of the saved model over the baseline, as a share
 to somebody who knew the effect.
 
 """
-
-
-def matrix(rows: Sequence[Row]) -> str:
-    """True cause against the first finding, counted."""
-    counts: dict[str, Counter[str]] = {}
-    for r in rows:
-        if r["error"]:
-            continue
-        truth = r["truth"]["cause"]
-        truth = "stranger" if truth.startswith("stranger:") else truth
-        first = r["findings"][0]["cause"] if r["findings"] else "nothing"
-        counts.setdefault(truth, Counter())[first] += 1
-    columns = sorted({c for row in counts.values() for c in row})
-    body = [(t, *(counts[t][c] or "" for c in columns)) for t in sorted(counts)]
-    return table(("hidden, first finding", *columns), body)
 
 
 def write(rows: Sequence[Row], out: Path) -> None:

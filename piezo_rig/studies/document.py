@@ -1,30 +1,15 @@
-"""Markdown out of numbers: tables, and a template whose gaps must all be filled."""
+"""Markdown out of numbers: a template whose gaps must all be filled."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping
+
+from piezo_rig.scoring.tables import number, table
+
+__all__ = ["fill", "number", "scientific", "table"]
 
 GAP = re.compile(r"\{\{([a-z0-9_]+)\}\}")
-
-
-def table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
-    """A Markdown table; the first column is left-aligned, the others to the right."""
-    lines = [_row(head), _row([":--", *["--:"] * (len(head) - 1)])]
-    lines += [_row([str(cell) for cell in row]) for row in rows]
-    return "\n".join(lines)
-
-
-def _row(cells: Sequence[str]) -> str:
-    return "| " + " | ".join(cells) + " |"
-
-
-def number(value: float | None, digits: int = 3) -> str:
-    """Fixed digits, a true minus never alone before zero; a dash where there is nothing."""
-    if value is None:
-        return "-"
-    text = f"{value:.{digits}f}"
-    return text[1:] if text.startswith("-") and not float(text) else text
 
 
 def scientific(value: float) -> str:

@@ -188,6 +188,14 @@ def test_ageing_changes_the_travel_by_its_rate_per_decade_of_cycles():
     assert travel[9] / travel[0] == pytest.approx(1.05, rel=1e-6)
 
 
+def test_cycles_are_counted_from_one_after_a_rest_of_the_recovery_time():
+    config = WALLS_ONLY | {"cycle-aging": {"on": True, "rate_per_decade": 0.05}}
+    config["recovery"] = {"on": True}
+    x = played(config, triangle(0.0, 60.0, 11, samples=500), t=25.0)  # 20 s make it virgin
+    travel = x[250::500][:11] - x[500::500]
+    assert travel[9] / travel[0] == pytest.approx(1.05, rel=1e-4)
+
+
 # -------------------------------------------------------------------------- rest
 
 

@@ -8,13 +8,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from piezo_rig.scoring.oracle import Oracle, base_columns
 from piezo_rig.studies import diagnosis, diagnosis_case
 from piezo_rig.studies.hidden import PROTOCOLS, draw, kernels
 from piezo_rig.studies.hidden.body import Body, Law, random_body
 from piezo_rig.studies.hidden.case import locked
 from piezo_rig.studies.hidden.effects import EFFECTS, Creep
 from piezo_rig.studies.hidden.noise import noise_of
-from piezo_rig.studies.hidden.oracle import Oracle, base_columns
 from piezo_rig.studies.hidden.protocols import Condition
 
 
@@ -111,7 +111,7 @@ def test_d_prime_is_that_of_generalised_least_squares():
     drive = np.concatenate([np.linspace(0, 30, 40), np.linspace(30, 0, 40)])
     conditions = [Condition("0-30", 500.0, drive), Condition("0-15", 500.0, 0.5 * drive)]
     noise = noise_of("ar", 500.0)
-    oracle = Oracle.of(conditions, noise, 2)
+    oracle = Oracle.of([c.drive_v for c in conditions], noise, 2)
     rng = np.random.default_rng(4)
     delta = [rng.standard_normal(80) * 1e-3 for _ in range(4)]
     one = 25e-6 * 0.95 ** np.abs(np.arange(80)[:, None] - np.arange(80))

@@ -195,7 +195,7 @@ def _rest(c, walls, s, w, q, dt):
         left += (1.0 - c.remanence) * decay
     _forget(c, walls, s, w, q, left / s[MEMORY])
     s[MEMORY] = left
-    if left == 0.0:
+    if s[REST] >= 0.5 * c.recovery_end:  # virgin: the next rise is no reversal, but the first
         s[DIRECTION] = 0.0
         s[EXTREME] = s[DRIVE]
 

@@ -10,13 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from piezo_rig.run_file.sweep import Sweep
+from piezo_rig.scoring.noise import Noise
+from piezo_rig.scoring.oracle import Oracle, base_columns, size_for
 from piezo_rig.studies.hidden.body import Body, random_body
 from piezo_rig.studies.hidden.calibration import CALIBRATION
 from piezo_rig.studies.hidden.effects import EFFECTS, Effect
 from piezo_rig.studies.hidden.events import EVENTS
 from piezo_rig.studies.hidden.history import HISTORY
-from piezo_rig.studies.hidden.noise import Noise, noise_of
-from piezo_rig.studies.hidden.oracle import Oracle, base_columns, size_for
+from piezo_rig.studies.hidden.noise import noise_of
 from piezo_rig.studies.hidden.protocols import Condition, conditions_of, unseen_drive
 from piezo_rig.studies.hidden.session import Session
 from piezo_rig.studies.hidden.strangers import STRANGERS
@@ -125,7 +126,7 @@ class Case:
 
     def best_unseen_um(self, seed: int = 0) -> FloatArray:
         """What the oracle predicts of the unseen drive: it knows the effects, not the body."""
-        oracle = Oracle.of(self.conditions, self.noise, self.repeats)
+        oracle = Oracle.of([c.drive_v for c in self.conditions], self.noise, self.repeats)
         unseen = self.unseen(seed)
         fitted = oracle.fitted([s.displacement_um for s in self.bare()])
         base = base_columns(unseen.drive_v, oracle.span_v) @ fitted
@@ -239,7 +240,7 @@ def draw(
         effects.append(effect.placed(body, [c.drive_v for c in conditions] * repeats))
     sizes, reached = [], []
     if effects:
-        oracle = Oracle.of(conditions, sound, repeats)
+        oracle = Oracle.of([c.drive_v for c in conditions], sound, repeats)
         bare = [locked(body, (), c.time_s, c.drive_v) for c in conditions]
     for e in effects:
 

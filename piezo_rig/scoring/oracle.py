@@ -13,9 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from piezo_rig.studies.hidden import kernels
-from piezo_rig.studies.hidden.noise import Noise
-from piezo_rig.studies.hidden.protocols import Condition
+from piezo_rig.scoring import kernels
+from piezo_rig.scoring.noise import Noise
 
 FloatArray = NDArray[np.float64]
 OPERATORS, POWERS = 50, 5
@@ -26,7 +25,7 @@ def base_columns(drive_v: FloatArray, span_v: float) -> FloatArray:
     """Play operators up to the span and powers of the drive, shape (n, 55)."""
     drive = np.ascontiguousarray(drive_v)
     thresholds = span_v * (np.arange(OPERATORS) + 0.5) / OPERATORS
-    plays = kernels.play(drive, thresholds, np.zeros(drive.size))
+    plays = kernels.play(drive, thresholds)
     return np.hstack([plays, (drive[:, None] / span_v) ** np.arange(1, POWERS + 1)])
 
 
@@ -43,12 +42,13 @@ class Oracle:
     inverse_root: FloatArray  # of the Gram over all recordings
 
     @classmethod
-    def of(cls, conditions: Sequence[Condition], noise: Noise, repeats: int) -> Oracle:
-        span = max(float(np.max(np.abs(c.drive_v))) for c in conditions)
+    def of(cls, drives_v: Sequence[FloatArray], noise: Noise, repeats: int) -> Oracle:
+        """``drives_v`` : one (n,) per condition"""
+        span = max(float(np.max(np.abs(drive))) for drive in drives_v)
         columns, offsets = [], []
-        for c in conditions:
+        for drive in drives_v:
             both = noise.whitened(
-                np.column_stack([np.ones(c.drive_v.size), base_columns(c.drive_v, span)])
+                np.column_stack([np.ones(drive.size), base_columns(drive, span)])
             )
             one = both[:, 0] / np.linalg.norm(both[:, 0])
             columns.append(both[:, 1:] - np.outer(one, one @ both[:, 1:]))
@@ -60,31 +60,39 @@ class Oracle:
         root = vectors[:, kept] / np.sqrt(values[kept])
         return cls(noise, repeats, span, tuple(columns), tuple(offsets), scale, root)
 
-    def _projected(self, rows: Sequence[FloatArray]) -> tuple[float, FloatArray]:
-        """Squared length off the offsets, and coefficients on the orthonormal base.
+    def _projected(self, rows: Sequence[FloatArray]) -> tuple[FloatArray, FloatArray]:
+        """Gram (m, m) off the offsets of m quantities, and coefficients (k, m) on the base.
 
-        ``rows`` : one per recording, all conditions of the first repeat first; or those of one
-        repeat, which then stand for all
+        ``rows`` : (n, m), one per recording, all conditions of the first repeat first; or those
+        of one repeat, which then stand for all
         """
-        total, onto = 0.0, np.zeros(self.scale.size)
+        total: FloatArray = np.zeros((1, 1))
+        onto: FloatArray = np.zeros((self.scale.size, 1))
         for k, row in enumerate(rows):
             a, one = self.columns[k % len(self.columns)], self.offsets[k % len(self.columns)]
-            white = self.noise.whitened(row[:, None])[:, 0]
-            white = white - one * (one @ white)
-            total += float(white @ white)
-            onto += a.T @ white
+            white = self.noise.whitened(row)
+            white = white - np.outer(one, one @ white)
+            total = total + white.T @ white
+            onto = onto + a.T @ white
         copies = self.repeats * len(self.columns) / len(rows)
-        return copies * total, copies * (self.inverse_root.T @ (self.scale * onto))
+        return copies * total, copies * (self.inverse_root.T @ (self.scale[:, None] * onto))
+
+    def gram(self, rows: Sequence[FloatArray]) -> FloatArray:
+        """Inner products (m, m) of m changes, whitened and off the base.
+
+        ``rows`` : (n, m) um, one per recording, or per condition if repeats agree
+        """
+        total, on = self._projected(rows)
+        return total - on.T @ on
 
     def d_prime(self, delta: Sequence[FloatArray]) -> float:
-        """Of a change ``delta``, um: one array per recording, or per condition if repeats agree."""
-        total, on = self._projected(delta)
-        return float(np.sqrt(max(total - float(on @ on), 0.0)))
+        """Of a change ``delta``, um: one (n,) per recording, or per condition if repeats agree."""
+        return float(np.sqrt(max(self.gram([row[:, None] for row in delta])[0, 0], 0.0)))
 
     def fitted(self, rows: Sequence[FloatArray]) -> FloatArray:
-        """Coefficients of `base_columns` that fit recordings (um) best, shape (55,)."""
-        _, on = self._projected(rows)
-        return self.scale * (self.inverse_root @ on)
+        """Coefficients of `base_columns` that fit recordings (n,) in um best, shape (55,)."""
+        _, on = self._projected([row[:, None] for row in rows])
+        return self.scale * (self.inverse_root @ on[:, 0])
 
 
 def size_for(

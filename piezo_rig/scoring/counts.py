@@ -1,15 +1,16 @@
-"""Rows of the hidden-effect study, counted."""
+"""Rows of a hidden-effect study or of a challenge, counted."""
 
 from __future__ import annotations
 
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 import numpy as np
 
-from piezo_rig.studies.diagnosis_case import Row
-from piezo_rig.studies.document import number, table
+from piezo_rig.scoring.tables import number, table
+
+Row = dict[str, Any]  # one case: what was hidden, what was said of it
 
 SHARE_FROM = 0.05  # of the error on the unseen drive that the effect must make up to be counted
 
@@ -19,12 +20,12 @@ def named(finding: Row) -> set[str]:
     return {finding["cause"], *finding["alternatives"]}
 
 
-def _share(hits: Iterable[bool]) -> str:
+def share(hits: Iterable[bool]) -> str:
     flags = list(hits)
     return f"{sum(flags)}/{len(flags)}" if flags else "-"
 
 
-def _within(value: float, interval: Sequence[float] | None) -> bool | None:
+def within(value: float, interval: Sequence[float] | None) -> bool | None:
     return None if interval is None else interval[0] <= value <= interval[1]
 
 
@@ -41,12 +42,12 @@ def summary(rows: Sequence[Row]) -> str:
         f"{len(rows)} cases, {len(failed)} errors, median {_median_seconds(fine)} s a case",
         *(f"- error: {r['truth']['cause']} {r['protocol']} {r['noise']} {r['seed']}: {r['error']}"
           for r in failed[:10]),
-        _nulls(nulls), _singles(single), _several(several), _strangers(strangers),
-        f"False unexplained: {_share(r['unexplained']['detected'] for r in nulls)} nulls, "
-        f"{_share(r['unexplained']['detected'] for r in known)} known effects "
-        f"({_share(r['unexplained']['detected'] for r in known if r['truth']['form'][0] == 'A')} "
+        null_table(nulls), _singles(single), several_table(several), stranger_table(strangers),
+        f"False unexplained: {share(r['unexplained']['detected'] for r in nulls)} nulls, "
+        f"{share(r['unexplained']['detected'] for r in known)} known effects "
+        f"({share(r['unexplained']['detected'] for r in known if r['truth']['form'][0] == 'A')} "
         "of form A)",
-        _parameters(known), _gains(fine), _unseen(known),
+        parameter_table(known), _gains(fine), _unseen(known),
     ]  # fmt: skip
     return "\n\n".join(p for p in parts if p)
 
@@ -62,22 +63,23 @@ def _by(rows: Iterable[Row], key: Callable[[Row], Any]) -> list[tuple[Any, list[
     return sorted(groups.items())
 
 
-def _unexplained(rows: Iterable[Row]) -> int:
+def called_unexplained(rows: Iterable[Row]) -> int:
     return sum(r["unexplained"]["detected"] for r in rows)
 
 
-def _nulls(rows: Sequence[Row]) -> str:
+def null_table(rows: Sequence[Row]) -> str:
     if not rows:
         return ""
     body = []
     for (protocol, noise), group in _by(rows, lambda r: (r["protocol"], r["noise"])):
         wrong = sorted(f["cause"] for r in group for f in r["findings"])
         body.append((f"{protocol}, {noise}", len(group), sum(bool(r["findings"]) for r in group),
-                     _unexplained(group), ", ".join(wrong)))  # fmt: skip
+                     called_unexplained(group), ", ".join(wrong)))  # fmt: skip
     for curved in (False, True):
         group = [r for r in rows if ("curved" in r["truth"]["form"]) == curved]
-        body.append((f"all {'with' if curved else 'without'} curvature", len(group),
-                     sum(bool(r["findings"]) for r in group), _unexplained(group), ""))  # fmt: skip
+        found = sum(bool(r["findings"]) for r in group)
+        body.append((f"all {'with' if curved else 'without'} curvature", len(group), found,
+                     called_unexplained(group), ""))  # fmt: skip
     return table(("nulls", "n", "false alarms", "unexplained", "named"), body)
 
 
@@ -97,7 +99,7 @@ def _singles(rows: Sequence[Row]) -> str:
             sum(f["cause"] == cause for f in firsts),
             sum(cause in named(f) for f in firsts),
             sum(sum(cause not in named(f) for f in fs) for fs in said),
-            _unexplained(group),
+            called_unexplained(group),
             ", ".join(_counted(f["cause"] for f in firsts if cause not in named(f))),
             sum(not r["truth"]["reached"] for r in group) or "",
         ))  # fmt: skip
@@ -113,7 +115,7 @@ def _counted(names: Iterable[str]) -> list[str]:
     return [f"{n} {k}" for n, k in sorted(count.items(), key=lambda x: -x[1])]
 
 
-def _several(rows: Sequence[Row]) -> str:
+def several_table(rows: Sequence[Row]) -> str:
     if not rows:
         return ""
     body = []
@@ -134,21 +136,21 @@ def _several(rows: Sequence[Row]) -> str:
     return table(("pairs, d'", "n", "found", "missed", "extra", "F1"), body)
 
 
-def _strangers(rows: Sequence[Row]) -> str:
+def stranger_table(rows: Sequence[Row]) -> str:
     if not rows:
         return ""
     body = []
     for (cause, asked), group in _by(rows, lambda r: (r["truth"]["cause"], r["d_prime"])):
         body.append((
             cause, f"{asked:g}", len(group),
-            _unexplained(group),
+            called_unexplained(group),
             sum(bool(r["findings"]) for r in group),
             ", ".join(_counted(f["cause"] for r in group for f in r["findings"])),
         ))  # fmt: skip
     return table(("stranger", "d'", "n", "unexplained", "named", "as"), body)
 
 
-def _parameters(rows: Sequence[Row]) -> str:
+def parameter_table(rows: Sequence[Row]) -> str:
     hits: dict[str, list[bool]] = defaultdict(list)
     off: dict[str, list[float]] = defaultdict(list)
     for r in rows:
@@ -156,7 +158,7 @@ def _parameters(rows: Sequence[Row]) -> str:
             true = r["truth"]["parameters"].get(f["cause"], {})
             for name, value in true.items():
                 said = f["parameters"].get(name)
-                inside = said and _within(value, said["ci95"])
+                inside = said and within(value, said["ci95"])
                 if inside is None or said is None:
                     continue
                 hits[f"{f['cause']} {name}"].append(inside)
@@ -179,7 +181,7 @@ def _gains(rows: Sequence[Row]) -> str:
     off: dict[str, list[float]] = defaultdict(list)
     for r in rows:
         for f, true in zip(r["findings"], r.get("gains_again") or (), strict=False):
-            inside = _within(true, f["gain_ci95"])
+            inside = within(true, f["gain_ci95"])
             if inside is not None:
                 hits[r["noise"]].append(inside)
                 off[r["noise"]].append(true - f["gain"])
@@ -207,3 +209,24 @@ def _unseen(rows: Sequence[Row]) -> str:
     body.append(("all", len(every), *(number(float(np.quantile(every, q)), 2)
                                       for q in (0.1, 0.5, 0.9))))  # fmt: skip
     return table(("gain on an unseen drive, of the possible", "n", "10 %", "median", "90 %"), body)
+
+
+def isolation(rows: Sequence[Row]) -> dict[str, Counter[str]]:
+    """True cause -> first finding -> how often; strangers are one row, failures are left out."""
+    counts: dict[str, Counter[str]] = {}
+    for r in rows:
+        if r["error"]:
+            continue
+        truth = r["truth"]["cause"]
+        truth = "stranger" if truth.startswith("stranger:") else truth
+        first = r["findings"][0]["cause"] if r["findings"] else "nothing"
+        counts.setdefault(truth, Counter())[first] += 1
+    return counts
+
+
+def matrix(rows: Sequence[Row]) -> str:
+    """True cause against the first finding, counted."""
+    counts = isolation(rows)
+    columns = sorted({c for row in counts.values() for c in row})
+    body = [(t, *(counts[t][c] or "" for c in columns)) for t in sorted(counts)]
+    return table(("hidden, first finding", *columns), body)

@@ -1,0 +1,295 @@
+"""The public benchmark: cases from a seed, sealed, played through the drivers, scored."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+import os
+import shutil
+from contextlib import redirect_stdout
+
+import numpy as np
+import pytest
+from scipy.stats import chi2
+
+from piezo_rig import diagnosis
+from piezo_rig.challenge import contest
+from piezo_rig.challenge.answers import oracle_gains, row_of
+from piezo_rig.challenge.case import BLOCK, draw, kind_of
+from piezo_rig.challenge.hiding import CAUSES, QUIET, merged
+from piezo_rig.challenge.judge import Judge
+from piezo_rig.challenge.noises import NOISES, PLANT, noise_of
+from piezo_rig.challenge.rehearsal import Rehearsal
+from piezo_rig.challenge.score import figures, first_is_fair
+from piezo_rig.cli import main
+from piezo_rig.run_file.reader import Run
+from piezo_rig.scoring.oracle import base_columns
+
+SHORT = """
+schema = "piezo-rig/protocol/1"
+name = "short"
+sample_rate = 1000
+repeats = 2
+[[condition]]
+waveform = "triangle"
+lower_v = 0
+upper_v = [30, 60]
+frequency_hz = 4
+cycles = 2
+"""
+
+
+@pytest.fixture(scope="module")
+def short():
+    return Rehearsal.of(SHORT)
+
+
+SEED = next(s for s in range(99) if [kind_of(s, i)[0] for i in (0, 1)] == ["null", "one"])
+
+
+# ------------------------------------------------------------------------ cases
+
+
+def test_a_case_comes_from_seed_and_number_alone(held):
+    again = draw(SEED, 0)
+    first, second = (json.loads((held[0] / "truth" / f"case_000{k}.json").read_text())
+                     for k in (1, 2))  # fmt: skip
+    assert again.document() == first
+    assert again.protocol == (held[0] / "truth" / "case_0001.toml").read_text()
+    assert first["plant"]["stack"] != second["plant"]["stack"]
+
+
+def test_every_eight_cases_hold_the_same_sorts_and_every_cause_comes_before_any_comes_again():
+    sorts = [kind_of(9, i) for i in range(48)]
+    for block in range(6):
+        assert sorted(s for s, _ in sorts[8 * block : 8 * block + 8]) == sorted(BLOCK)
+    assert [n for s, n in sorts if s == "one"] == list(range(24))
+    assert len(CAUSES) < 24
+
+
+def test_the_truth_is_as_visible_as_the_oracle_says(short):
+    """d' from a whitening matrix that is written out, against the oracle's filters."""
+    plant = merged([QUIET, {"seed": 1}])
+    bare = short.displacements(plant)
+    change = [a - b for a, b in zip(
+        short.displacements(merged([plant, {"thermal_drift": {"on": True, "rate": 20.0}}])), bare,
+        strict=True)]  # fmt: skip
+    judge = Judge(short, noise_of("ar", short.rate))
+    step = 15.48 * 20.0 / 2**16
+    white, decay, sigma = step**2 / 12.0, 0.95**5, 5e-3
+    square = 0.0
+    rows, bases = [], []
+    for row, drive in zip(change, short.drives_v * 2, strict=True):
+        lag = np.abs(np.subtract.outer(np.arange(row.size), np.arange(row.size)))
+        root = np.linalg.cholesky(sigma**2 * decay**lag + white * np.eye(row.size))
+        columns = base_columns(drive, 60.0)
+        one = np.linalg.solve(root, np.ones(row.size))
+        one /= np.linalg.norm(one)
+        both = np.linalg.solve(root, np.column_stack([row, columns]))
+        both -= np.outer(one, one @ both)
+        rows.append(both[:, 0])
+        bases.append(both[:, 1:])
+    base, seen = np.vstack(bases), np.concatenate(rows)
+    fitted = np.linalg.lstsq(base / np.linalg.norm(base, axis=0), seen, rcond=1e-7)[0]
+    left = seen - base / np.linalg.norm(base, axis=0) @ fitted
+    square = float(left @ left)
+    assert judge.d_prime(change) == pytest.approx(np.sqrt(square), rel=1e-3)
+
+
+@pytest.mark.parametrize("kind", NOISES)
+def test_the_oracle_knows_the_noise_of_the_bench(short, kind):
+    """What it whitens has unit variance and no correlation between neighbours."""
+    parts = []
+    noise = noise_of(kind, short.rate)
+    for seed in range(1, 5):
+        plant = merged([QUIET, PLANT[kind], {"seed": seed}])
+        noisy, clean = (short.displacements(plant, clean) for clean in (False, True))
+        for a, b in zip(noisy, clean, strict=True):
+            row = noise.whitened((a - b)[:, None])[:, 0]
+            one = noise.whitened(np.ones((a.size, 1)))[:, 0]
+            parts.append(row - one * (one @ row) / (one @ one))  # a sweep begins at its own zero
+    every = np.concatenate(parts)
+    # 1/f noise of the bench is straight lines between knots, for which processes stand in
+    low, high = (0.8, 1.25) if kind in ("1/f", "mixed") else chi2.interval(0.9999, every.size)
+    scale = 1.0 if kind in ("1/f", "mixed") else every.size
+    assert low < float(every @ every) / every.size * scale < high
+    neighbours = float(np.mean([p[1:] @ p[:-1] / p.size for p in parts]))
+    assert abs(neighbours) < 0.06
+
+
+def test_the_oracle_finds_what_is_there_and_nothing_else(short):
+    rng = np.random.default_rng(2)
+    noise = noise_of("white", short.rate)
+    judge = Judge(short, noise)
+    shapes = {f"wave {k}": [np.sin(2 * np.pi * (3 * k + 7) * np.arange(v.size) / v.size)
+                            for v in short.drives_v * 2] for k in range(4)}  # fmt: skip
+    silence = [noise.drawn(v.size, rng) for v in short.drives_v * 2]
+    assert judge.findings(silence, shapes)[0] == []
+    seen = [n + 2e-3 * w for n, w in zip(silence, shapes["wave 2"], strict=True)]
+    (finding, *more), alternatives = judge.findings(seen, shapes)
+    assert finding[0] == "wave 2"
+    assert more == []
+    assert alternatives == {"wave 2": []}
+    same = shapes | {"its twin": [1.5 * w for w in shapes["wave 2"]]}
+    (finding, *_), alternatives = judge.findings(seen, same)
+    assert {finding[0], *alternatives[finding[0]]} == {"wave 2", "its twin"}
+
+
+# ---------------------------------------------------------------------- scoring
+
+TRUTH = {
+    "case": "case_0001", "cause": "creep", "causes": ["creep"], "parameters": {},
+    "d_prime": [40.0], "asked": 40.0, "reached": True, "form": "straight", "protocol": "matrix",
+    "noise": "white", "left_nm": {"": 10.0, "creep": 4.0},
+    "oracle": {"findings": [{"cause": "creep", "p": 0.0, "alternatives": ["thermal-drift"]}],
+               "unexplained": False},
+}  # fmt: skip
+NULL = TRUTH | {"cause": "none", "causes": [], "left_nm": {"": 3.0},
+                "oracle": {"findings": [], "unexplained": False}}  # fmt: skip
+
+
+def answer(cause, alternatives=()):
+    found = [{"cause": cause, "p": 1e-9, "gain": 50.0, "gain_ci95": [40.0, 61.0],
+              "parameters": {}, "alternatives": list(alternatives)}] if cause else []
+    return {"findings": found, "unexplained": {"detected": False}}  # fmt: skip
+
+
+def test_a_first_finding_is_right_if_it_is_hidden_or_if_nobody_could_tell_it_apart():
+    assert first_is_fair(row_of(TRUTH, answer("creep")))
+    assert first_is_fair(row_of(TRUTH, answer("thermal-drift", ["creep"])))
+    assert not first_is_fair(row_of(TRUTH, answer("thermal-drift")))
+    assert not first_is_fair(row_of(TRUTH, answer("resonance", ["creep"])))
+    assert not first_is_fair(row_of(TRUTH, answer(None)))
+
+
+def test_more_than_two_false_alarms_in_a_hundred_fail_and_so_do_fewer_than_nine_firsts_in_ten():
+    good = [row_of(TRUTH, answer("creep"))] * 9 + [row_of(TRUTH, answer(None))]
+    quiet, alarm = row_of(NULL, answer(None)), row_of(NULL, answer("creep"))
+    assert figures([*good, *[quiet] * 98, alarm, alarm]).passed
+    assert not figures([*good, *[quiet] * 97, alarm, alarm, alarm]).passed
+    assert not figures([*good[1:], *[quiet] * 10]).passed
+
+
+def test_a_case_that_broke_is_a_miss_or_a_false_alarm():
+    got = figures([row_of(TRUTH, None, "broke"), row_of(NULL, None, "broke")])
+    assert (got.failures, got.false_alarms, got.first_fair, got.known) == (2, 1, 0, 1)
+    assert not got.passed
+
+
+def test_gains_are_the_oracles_in_the_order_of_the_answer():
+    both = TRUTH | {"causes": ["creep", "mains-hum"],
+                    "left_nm": {"": 10.0, "creep": 8.0, "mains-hum": 5.0, "creep+mains-hum": 2.0}}
+    hum, creep = answer("mains-hum")["findings"], answer("thermal-drift", ["creep"])["findings"]
+    assert oracle_gains(both, [*hum, *creep]) == pytest.approx([50.0, 60.0])
+    assert oracle_gains(both, answer("resonance")["findings"]) == [None]
+
+
+# ------------------------------------------------------------- the command line
+
+
+@pytest.fixture(scope="module")
+def held(tmp_path_factory):
+    """Two cases on disk, a null and a cause, drawn by a seed that begins with them; and the
+    status and output of the challenge that made them. One condition is diagnosed, for speed."""
+    real = diagnosis.diagnose
+
+    def some(sweeps):
+        return real([s for s in sweeps if s.condition == sweeps[0].condition])
+
+    folder = tmp_path_factory.mktemp("challenge") / "cases"
+    said = io.StringIO()
+    with pytest.MonkeyPatch.context() as patch, redirect_stdout(said):
+        patch.setattr(diagnosis, "diagnose", some)
+        status = main(["challenge", "--cases", "2", "--seed", str(SEED), "--jobs", "1",
+                       "--out", str(folder)])  # fmt: skip
+    return folder, status, said.getvalue()
+
+
+
+
+def test_a_challenge_seals_plays_scores_and_draws(held):
+    folder, status, said = held
+    assert status in (0, 1)
+    assert "| false alarms: nulls in which something is found | " in said
+    truth = folder / "truth" / "case_0001.json"
+    digest = hashlib.sha256(truth.read_bytes()).hexdigest()
+    assert said.index(f"sealed case_0001  sha256 {digest}") < said.index("1 of 2: ")
+    assert (folder / "answers" / "isolation.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_the_recordings_are_what_the_sealed_plant_does(held):
+    folder, _, _ = held
+    truth = json.loads((folder / "truth" / "case_0002.json").read_text())
+    rehearsal = Rehearsal.of((folder / "truth" / "case_0002.toml").read_text())
+    expected = rehearsal.displacements(truth["plant"], clean=False)
+    for sweep, row, start in zip(
+        rehearsal.plan.sweeps, expected, rehearsal.starts_s, strict=True
+    ):
+        path = folder / "cases" / "case_0002" / f"{sweep.condition.name} test {sweep.repeat}.csv"
+        assert path.read_text().startswith("time_s,drive_v,displacement_um\n")
+        time_s, drive, um = np.loadtxt(path, delimiter=",", skiprows=1, unpack=True)
+        np.testing.assert_allclose(time_s, start + np.arange(row.size) / rehearsal.rate, atol=1e-6)
+        np.testing.assert_allclose(drive, sweep.wave.drive_v, atol=1e-6)
+        np.testing.assert_allclose(um, row, atol=2e-3)  # um; four steps of the digitizer
+
+
+def test_the_run_is_imported_with_its_conditions_and_repeats(held, tmp_path, capsys):
+    folder, _, _ = held
+    files = sorted(str(p) for p in (folder / "cases" / "case_0001").glob("*.csv"))
+    run = tmp_path / "case.h5"
+    assert main(["import", *files, "--history", "virgin", "--out", str(run)]) == 0
+    sweeps = Run(run).sweeps()
+    assert {s.repeat for s in sweeps} == {1, 2}
+    assert len({(s.condition, s.repeat) for s in sweeps}) == len(files)
+    assert sorted(f"{s.condition} test {s.repeat}" for s in sweeps) == sorted(
+        p.stem for p in (folder / "cases" / "case_0001").glob("*.csv")
+    )
+
+
+def test_anybodys_answers_are_scored(held, tmp_path, capsys):
+    folder, _, _ = held
+    truth = json.loads((folder / "truth" / "case_0002.json").read_text())
+    right = tmp_path / "right"
+    right.mkdir()
+    (right / "case_0001.json").write_text('{"findings": []}')
+    (right / "case_0002.json").write_text(
+        json.dumps({"findings": [{"cause": c} for c in truth["causes"]]})
+    )
+    assert main(["challenge", "--score", str(right), "--out", str(folder)]) == 0
+    assert "| first: the first finding is hidden | 1/1 |" in capsys.readouterr().out
+    (right / "case_0002.json").write_text("no answer")
+    assert main(["challenge", "--score", str(right), "--out", str(folder)]) == 1
+    assert "| failures | 1 |" in capsys.readouterr().out
+
+
+def test_a_truth_that_was_changed_is_refused(held, tmp_path, capsys):
+    folder = tmp_path / "copy"
+    shutil.copytree(held[0], folder)
+    path = folder / "truth" / "case_0001.json"
+    path.write_text(path.read_text().replace('"none"', '"creep"'))
+    assert main(["challenge", "--score", str(folder / "answers"), "--out", str(folder)]) == 2
+    assert capsys.readouterr().err.startswith("error[challenge-seal]")
+
+
+def test_a_folder_that_holds_something_is_left_alone(held, capsys):
+    assert main(["challenge", "--cases", "1", "--out", str(held[0])]) == 2
+    assert capsys.readouterr().err.startswith("error[folder-exists]")
+
+
+def test_a_case_that_breaks_does_not_stop_the_rest(monkeypatch, tmp_path):
+    def breaks(seed, index):
+        if index == 0:
+            raise RuntimeError("on purpose")
+        return draw(seed, index)
+
+    monkeypatch.setattr(contest, "draw", breaks)
+    monkeypatch.setattr(contest, "_perform", lambda folder, names, which: 1 / 0)
+    rows = contest.contest(SEED, 2, tmp_path, 1, lambda line: None)
+    assert sorted(r["error"] for r in rows) == [
+        "RuntimeError: on purpose", "ZeroDivisionError: division by zero"
+    ]  # fmt: skip
+
+
+def test_a_process_that_dies_is_a_failure():
+    assert dict(contest._each(os._exit, [1], 2)) == {1: contest.Failed("its process died")}
