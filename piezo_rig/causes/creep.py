@@ -20,6 +20,8 @@ from typing import ClassVar
 import numpy as np
 
 from piezo_rig.causes.cause import Cause, Context, FloatArray
+from piezo_rig.chain.branches import Branches
+from piezo_rig.chain.increments import Increment, Operation
 from piezo_rig.chain.stage import Signal, Stage
 
 TIMES_S = np.logspace(-2.0, 3.0, 11)
@@ -55,6 +57,10 @@ class Creep(Cause):
         time = np.ascontiguousarray(signal.time_s)
         weights = self["rate_per_decade"] * _weights()
         return changes + relaxed_rows(time, np.ascontiguousarray(changes), TIMES_S, weights)
+
+    def increment(self, branches: Branches) -> Increment | str:
+        weights = self["rate_per_decade"] * _weights()
+        return Increment(Operation.RELAX, (float(TIMES_S.size), *TIMES_S, *weights))
 
     @classmethod
     def trials(cls, context: Context) -> list[Stage]:

@@ -21,6 +21,7 @@ import numpy as np
 
 from piezo_rig.causes.cause import Cause, Context, FloatArray
 from piezo_rig.chain.branches import Branches
+from piezo_rig.chain.increments import Increment, Operation
 from piezo_rig.chain.stage import Signal, Stage
 
 REFERENCE_V_PER_S = 300.0
@@ -56,12 +57,8 @@ class RateDependence(Cause):
 
         if not self._widens:
             return signal.drive_v
-        rest = branches.rest
-        volts = np.diff(rest.knots_v, prepend=0.0)
-        moved = float(volts @ rest.compliance_um_per_v[: volts.size])
-        compliance = moved / float(rest.knots_v[-1]) if moved else rest.compliance_um_per_v[-1]
         drive = np.ascontiguousarray(signal.drive_v)
-        width = self["lag_um"] / compliance * np.abs(self._rate(signal)) ** self["exponent"]
+        width = self._width_v(branches) * np.abs(self._rate(signal)) ** self["exponent"]
         return behind(drive, width)
 
     def act(self, signal: Signal) -> Signal:
@@ -70,6 +67,24 @@ class RateDependence(Cause):
         rate = self._rate(signal)
         lag = self["lag_um"] * np.sign(rate) * np.abs(rate) ** self["exponent"]
         return signal.with_(displacement_um=signal.displacement_um - lag)
+
+    def increment(self, branches: Branches) -> Increment | str:
+        rest = (self["exponent"], self._window_s, REFERENCE_V_PER_S)
+        if self._widens:
+            return Increment(Operation.WIDEN, (self._width_v(branches), *rest))
+        return Increment(Operation.DRAG, (self["lag_um"], *rest))
+
+    def _width_v(self, branches: Branches) -> float:
+        """By how much thresholds widen at `REFERENCE_V_PER_S`, V."""
+        rest = branches.rest
+        volts = np.diff(rest.knots_v, prepend=0.0)
+        moved = float(volts @ rest.compliance_um_per_v[: volts.size])
+        compliance = moved / float(rest.knots_v[-1]) if moved else rest.compliance_um_per_v[-1]
+        return float(self["lag_um"] / compliance)
+
+    @property
+    def _window_s(self) -> float:
+        return self["window_s"] if "window_s" in self.parameters else USUAL_S
 
     @property
     def _widens(self) -> bool:
@@ -81,7 +96,7 @@ class RateDependence(Cause):
 
         time = np.ascontiguousarray(signal.time_s)
         drive = np.ascontiguousarray(signal.drive_v)
-        window = self["window_s"] if "window_s" in self.parameters else USUAL_S
+        window = self._window_s
         return (drive - lagged(time, drive, window)) / window / REFERENCE_V_PER_S
 
     @classmethod

@@ -138,22 +138,23 @@ class Branches:
         """Whether branches differ from half loop to half loop."""
         return bool(self.laws or self.reaching)
 
-    def first_slopes(self, loops: HalfLoops) -> FloatArray:
+    def first_slopes(self, loops: HalfLoops, checked: bool = True) -> FloatArray:
         """First slope of the branches of every half loop, V/um, shape (m,)."""
         slopes = np.full(len(loops), self.first_slope_v_per_um)
         for law in self.laws:
             slopes = law(slopes, loops)
-        _positive(slopes, loops)
+        if checked:
+            _positive(slopes, loops)
         return slopes
 
-    def bands(self, loops: HalfLoops) -> Bands:
-        """The later branches of these half loops.
+    def bands(self, loops: HalfLoops, checked: bool = True) -> Bands:
+        """The later branches of these half loops; ``checked``: refuse what cannot be.
 
         Raises
         ------
         InputError : a slope that is not positive
         """
-        first = self.first_slopes(loops)
+        first = self.first_slopes(loops, checked)
         if not self.reaching:
             return Bands((self.first_break_um * first)[:, None], first[:, None], self.rest)
         volts = np.diff(self.rest.knots_v, prepend=0.0)
@@ -181,7 +182,8 @@ class Branches:
             back = (early > last) & (early <= 2.0 * last)
             slopes[back] -= r.closing / last * added
         slopes = np.ascontiguousarray(slopes.T)
-        _positive(slopes.min(axis=1), loops)
+        if checked:
+            _positive(slopes.min(axis=1), loops)
         knots = np.cumsum(slopes * widths, axis=1)
         if not np.isfinite(self.first_break_um):
             return Bands(knots, slopes, Curve(np.empty(0), 1.0 / first[:1]))

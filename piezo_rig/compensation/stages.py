@@ -1,0 +1,93 @@
+"""Which stages of a model a compensation inverts, which it leaves out, and why."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from piezo_rig.chain import Model, Stage
+from piezo_rig.chain.increments import Operation
+from piezo_rig.compensation.tables import increment_of
+
+IMPULSE = 4000  # samples
+SETTLED = 1e-3
+
+
+@dataclass(frozen=True)
+class Treatment:
+    """What becomes of one stage: ``inverted``, ``led`` or ``left out``; ``why`` in words."""
+
+    id: str
+    place: str
+    how: str
+    why: str = ""
+
+
+def treat(model: Model, step_s: float, free_end: bool) -> tuple[Model, float, list[Treatment]]:
+    """The part of a model that is inverted, the lead, and what becomes of every stage.
+
+    Parameters
+    ----------
+    step_s : of the target
+    free_end : the actuator's own motion follows the target, whenever the record shows it
+
+    Returns
+    -------
+    model : stages of drive and actuator that can be inverted
+    lead_s : how much ahead of the record the drive has to be
+    treatments : one for every stage, in order
+    """
+    branches = model.branches()
+    kept: list[Stage] = []
+    lead_s, treatments = 0.0, []
+    for stage in model.stages:
+        why = ""
+        if stage.locked_to != "drive":
+            why = "locked to the clock, not to the drive: nobody can foretell it"
+        elif stage.id == "time-skew" and not free_end:
+            lead_s += stage["delay"]
+            treatments.append(Treatment(stage.id, stage.place, "led", (
+                f"the drive is {1e3 * stage['delay']:.4g} ms ahead of the target, so that the "
+                "record is in time; --free-end leaves it out")))  # fmt: skip
+            continue
+        elif stage.place in ("sensor", "acquisition"):
+            why = "behind the free end of the actuator, which is what follows the target"
+        elif stage.id == "remanence":
+            why = "memory of recordings before this one; the start is virgin"
+        else:
+            increment = increment_of(stage, branches)
+            if isinstance(increment, str):
+                why = increment
+            elif increment is not None and increment.operation is Operation.MODE:
+                why = "" if _settles(increment.numbers, step_s) else (
+                    "so large a share rides on the mode that its inverse would not come to rest")
+        if not why:
+            kept.append(stage)
+        treatments.append(
+            Treatment(stage.id, stage.place, "left out" if why else "inverted", why)
+        )
+    return model.with_(stages=tuple(kept)), lead_s, treatments
+
+
+def _settles(numbers: tuple[float, ...], step_s: float) -> bool:
+    """Whether the inverse of a mode comes to rest after an impulse, at this sampling."""
+    from piezo_rig.compensation import operations
+
+    n = np.zeros(24)
+    n[: len(numbers)] = numbers
+    cache, old, new = np.zeros(24), np.zeros(16), np.zeros(16)
+    operations.prepare(operations.MODE, n, step_s, cache)
+    path = np.zeros(IMPULSE)
+    for k in range(1, IMPULSE):
+        wanted = 1.0 if k == 1 else 0.0
+        zero = operations.step(operations.MODE, n, 0.0, cache, old, new, 0.0, 0.0)
+        one = operations.step(operations.MODE, n, 0.0, cache, old, new, 1.0, 0.0)
+        if not one - zero > 1e-3:
+            return False
+        path[k] = (wanted - zero) / (one - zero)
+        operations.step(operations.MODE, n, 0.0, cache, old, new, path[k], 0.0)
+        old[:] = new
+        if abs(path[k]) > 1e6:
+            return False
+    return bool(np.abs(path[-IMPULSE // 8 :]).max() < max(SETTLED, 0.5 * np.abs(path).max()))
