@@ -18,6 +18,7 @@ FloatArray = NDArray[np.float64]
 BLOCKS, BLOCK = 16, 400  # samples looked at for the dead band
 REACH = 10.0  # dead band in standard deviations: two extremes of a long hold
 LARGEST = 0.05  # of the drive's range
+ROUNDING = 1e-10  # of the drive's range: a file of twelve digits, or a lag that has settled
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,9 +50,9 @@ class HalfLoops:
 
 def dead_band(drive_v: FloatArray) -> float:
     """Reversals smaller than this are noise, volts; about 0 for a clean drive."""
-    band = REACH * noise(drive_v)
+    band, span = REACH * noise(drive_v), float(np.ptp(drive_v)) if drive_v.size else 0.0
     # what is larger than that is a waveform of few samples, not noise on one
-    return band if band < LARGEST * float(np.ptp(drive_v)) else 0.0
+    return max(band if band < LARGEST * span else 0.0, ROUNDING * span)
 
 
 def noise(drive_v: FloatArray) -> float:

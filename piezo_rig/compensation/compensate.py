@@ -13,9 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from piezo_rig.chain import Model
-from piezo_rig.chain.half_loops import noise
+from piezo_rig.chain.half_loops import dead_band
 from piezo_rig.compensation.stages import Treatment, treat
 from piezo_rig.compensation.stepper import Bounds, OutOfReach, Stepper
+from piezo_rig.compensation.tables import ROUNDING_V
 from piezo_rig.config import Rig
 from piezo_rig.errors import InputError, LimitError
 from piezo_rig.protocol.plan import REST_DRIVE_V
@@ -23,7 +24,7 @@ from piezo_rig.protocol.plan import REST_DRIVE_V
 FloatArray = NDArray[np.float64]
 FEWEST = 2
 AT_ZERO_UM = 1e-3
-REFERENCE_UM = 1e-3
+NOISY_V = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,15 +122,24 @@ def compensate(
     wanted = target.displacement_um
     if lead_s:
         wanted = np.interp(time + lead_s, time, wanted)
-    stepper = Stepper(kept, steady=True)
     first = _first_drive(kept, bounds)
-    stepper.begin(time[0], first)
-    try:
-        drive = np.append(first, stepper.follow(time[1:], wanted[1:], bounds))
-    except OutOfReach as reach:
-        raise _out_of_reach(reach, target, wanted, bounds) from None
+
+    def followed(dead_band_v: float) -> FloatArray:
+        stepper = Stepper(kept, True, dead_band_v)
+        stepper.begin(time[0], first)
+        try:
+            return np.append(first, stepper.follow(time[1:], wanted[1:], bounds))
+        except OutOfReach as reach:
+            raise _out_of_reach(reach, target, wanted, bounds) from None
+
+    drive, warnings = followed(ROUNDING_V), []
+    band = dead_band(drive)
+    if band > NOISY_V:
+        drive = followed(band)
+        warnings = [f"the target is noisy: reversals of the drive up to {band:.2g} V are not taken "
+                    "for half loops"]  # fmt: skip
     predicted = model.simulate(time, drive, free_end=free_end)
-    return Compensation(drive, predicted, lead_s, treatments, _warnings(model, target, drive))
+    return Compensation(drive, predicted, lead_s, treatments, warnings)
 
 
 def _first_drive(model: Model, bounds: Bounds) -> float:
@@ -167,14 +177,3 @@ def _out_of_reach(
         f"at the sample before, with a drive of {bounds.low_v:g} .. {bounds.high_v:g} V{slew}",
         cause, "keep the target inside, or make it slower there",
     )
-
-
-def _warnings(model: Model, target: Target, drive: FloatArray) -> list[str]:
-    said = []
-    rough = noise(target.displacement_um)
-    if rough > REFERENCE_UM and model.branches().has_laws:
-        said.append(
-            f"the target carries noise of about {1e3 * rough:.2g} nm; the model takes every wiggle "
-            "of the drive for a half loop of its own: smooth the target"
-        )
-    return said

@@ -6,8 +6,8 @@ remembered. `play` goes along a drive; `follow` finds, sample after sample, the 
 displacement is the target's. Neither looks ahead.
 
 The memory of the sliders follows Madelung's rules as `piezo_rig.chain.kernels.walk` does, which
-cuts whole monotone runs and is faster; here the half loops are counted as they come, without a
-dead band, which is what a drive without noise has.
+cuts whole monotone runs and is faster. Half loops are counted as they come: a branch is taken to
+begin one, and a reversal that stays within the dead band leaves the count as it was.
 """
 
 from __future__ import annotations
@@ -18,24 +18,31 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from piezo_rig.compensation.operations import MEMORY, WIDEN, begin, prepare, step, widened
+from piezo_rig.compensation.operations import (
+    MEMORY,
+    SMALLEST_V,
+    WIDEN,
+    begin,
+    prepare,
+    step,
+    widened,
+)
 from piezo_rig.compensation.tables import NUMBERS, Tables
 
 FloatArray = NDArray[np.float64]
 
-# Scalars: drive that the sliders see, displacement of the springs, virgin drive, last turning
-# point, drive as commanded, displacement at the first sample, length of the last step; of a try:
-# drive seen, displacement of the springs.
-SEEN, SPRINGS, ORIGIN, TURNED, DRIVE, ZERO, STEP, TRY_SEEN, TRY_SPRINGS = range(9)
-# Turning points remembered, way that the sliders last went (-1, 0, 1); of a try: turning points
-# and band after it, whether it turns, whether a slope of the branch is not positive.
-DEPTH, WAY, TRY_DEPTH, TRY_BAND, TRY_TURNS, TRY_BAD = range(6)
+# Scalars: drive that the sliders see, displacement of the springs, virgin drive, where the half
+# loop began that counts, its extreme so far, drive as commanded, displacement at the first sample,
+# length of the last step; of a try: drive seen, displacement of the springs.
+SEEN, SPRINGS, ORIGIN, BEGUN, EXTREME, DRIVE, ZERO, STEP, TRY_SEEN, TRY_SPRINGS = range(10)
+# Turning points remembered, way that the sliders last went (-1, 0, 1), way of the half loop that
+# counts; of a try: turning points and band after it, whether a slope of the branch is not positive.
+DEPTH, WAY, LOOP_WAY, TRY_DEPTH, TRY_BAND, TRY_BAD = range(6)
 
 DONE, NO_ROOM, BAD_SLOPE, OUT_OF_REACH = range(4)
 
 EXACT_UM = 1e-12
 STAYS_UM = 1e-11
-STAYS_V = 1e-9
 MISSED_UM = 1e-6  # a target that was written with six digits
 TRIES = 200
 
@@ -63,7 +70,7 @@ def new_state(tables: Tables, room: int = 64) -> State:
     """An empty state, with room for that many turning points."""
     m, e = tables.kinds.size, tables.widths_um.size
     return State(
-        np.zeros(9), np.zeros(6, np.int64), np.zeros((m, MEMORY)), np.zeros((m, MEMORY)),
+        np.zeros(10), np.zeros(6, np.int64), np.zeros((m, MEMORY)), np.zeros((m, MEMORY)),
         np.zeros((m, NUMBERS)), np.zeros(room), np.zeros((room, e)), np.zeros((room, e)),
         np.zeros(room + 1, np.int64),
     )  # fmt: skip
@@ -95,7 +102,8 @@ def start(t, s, drive):
     s.scalars[:] = 0.0
     s.scalars[SEEN] = w
     s.scalars[ORIGIN] = w
-    s.scalars[TURNED] = w
+    s.scalars[BEGUN] = w
+    s.scalars[EXTREME] = w
     s.scalars[DRIVE] = drive
     s.scalars[ZERO] = x
     s.fresh[:] = s.memory
@@ -134,12 +142,12 @@ def _springs(t, s, seen):
     y = s.scalars[SPRINGS]
     depth = s.counts[DEPTH]
     b = s.band[depth]
-    turns = False
     s.counts[TRY_BAD] = 0
-    if seen != here:
+    if abs(seen - here) < SMALLEST_V:
+        seen = here
+    else:
         sign = 1.0 if seen > here else -1.0
-        turns = s.counts[WAY] != 0 and sign != s.counts[WAY]
-        if turns:
+        if s.counts[WAY] != 0 and sign != s.counts[WAY]:
             _branch(t, s, depth, here, 1 if sign > 0.0 else 0)
             depth += 1
             b = 0
@@ -179,7 +187,6 @@ def _springs(t, s, seen):
                 b += 1
     s.counts[TRY_DEPTH] = depth
     s.counts[TRY_BAND] = b
-    s.counts[TRY_TURNS] = turns
     s.scalars[TRY_SEEN] = seen
     s.scalars[TRY_SPRINGS] = y
     return y
@@ -188,7 +195,7 @@ def _springs(t, s, seen):
 @numba.njit(cache=True)
 def _branch(t, s, row, here, rising):
     """The branch that begins here, written where no turning point is remembered yet."""
-    range_v = abs(here - s.scalars[TURNED])
+    range_v = abs(here - s.scalars[BEGUN])
     s.turn[row] = here
     volts = 0.0
     for k in range(t.widths_um.size):
@@ -203,13 +210,19 @@ def _branch(t, s, row, here, rising):
 
 
 @numba.njit(cache=True)
-def take(s, drive):
+def take(t, s, drive):
     """Make the last try true; ``drive`` is the one that was tried."""
     seen = s.scalars[TRY_SEEN]
     if seen != s.scalars[SEEN]:
-        if s.counts[TRY_TURNS]:
-            s.scalars[TURNED] = s.scalars[SEEN]
         s.counts[WAY] = 1 if seen > s.scalars[SEEN] else -1
+        beyond = seen - s.scalars[EXTREME]
+        if s.counts[LOOP_WAY] * beyond > 0.0:
+            s.scalars[EXTREME] = seen
+        elif abs(beyond) > t.dead_band_v:
+            if s.counts[LOOP_WAY] != 0:
+                s.scalars[BEGUN] = s.scalars[EXTREME]
+            s.counts[LOOP_WAY] = 1 if beyond > 0.0 else -1
+            s.scalars[EXTREME] = seen
     s.counts[DEPTH] = s.counts[TRY_DEPTH]
     s.band[s.counts[DEPTH]] = s.counts[TRY_BAND]
     s.scalars[SEEN] = seen
@@ -228,7 +241,7 @@ def play(t, s, time, drive, out, k):
         out[k] = attempt(t, s, drive[k])
         if s.counts[TRY_BAD]:
             return k, BAD_SLOPE
-        take(s, drive[k])
+        take(t, s, drive[k])
         k += 1
     return k, DONE
 
@@ -259,7 +272,7 @@ def follow(t, s, time, target, low, high, slew, drive, k, reach):
         attempt(t, s, found)
         if s.counts[TRY_BAD]:
             return k, BAD_SLOPE
-        take(s, found)
+        take(t, s, found)
         drive[k] = found
         k += 1
     return k, DONE
@@ -312,4 +325,4 @@ def _drive_to(t, s, target, least, most):
         tiny = 1e-13 * max(1.0, abs(best)) / abs(b - a)
         share = min(max(share, tiny), 1.0 - tiny)
     found = a if abs(fa) < abs(fb) else b
-    return start_v if abs(found - start_v) < STAYS_V else found
+    return start_v if abs(found - start_v) < SMALLEST_V else found

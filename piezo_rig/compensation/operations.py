@@ -10,6 +10,7 @@ import math
 
 import numba
 
+SMALLEST_V = 1e-9  # what moves less stands still: it is the rounding of a solution
 MEMORY = 16  # floats that an operation remembers at most
 
 # of `Operation`; compiled code reads plain numbers
@@ -103,7 +104,7 @@ def step(kind, n, cap, cache, old, new, x, drive):
     if kind == MODE:
         return x + n[0] * (_mode(n, cache, old, new, x) - x)
     if kind == AGE:
-        return _age(n, old, new, x, drive)
+        return _age(n, cap, old, new, x, drive)
     return x
 
 
@@ -168,14 +169,22 @@ def _mode(n, cache, old, new, x):
 
 
 @numba.njit(cache=True)
-def _age(n, old, new, x, drive):
-    """Memory: displacement, drive, direction, half loops before this one, what ageing has added."""
-    way = 1.0 if drive > old[1] else (-1.0 if drive < old[1] else old[2])
-    turned = old[2] != 0.0 and way != old[2]
-    loops = old[3] + 1.0 if turned else old[3]
+def _age(n, band, old, new, x, drive):
+    """Memory: displacement, extreme of the half loop, its way, those before it, what was added."""
     new[0] = x
-    new[1] = drive
-    new[2] = way
-    new[3] = loops
-    new[4] = old[4] + n[0] * math.log10(loops // 2.0 + 1.0) * (x - old[0])
+    new[1] = old[1]
+    new[2] = old[2]
+    new[3] = old[3]
+    on = (drive - old[1]) * old[2]
+    if old[2] == 0.0:
+        if abs(drive - old[1]) > band:
+            new[1] = drive
+            new[2] = 1.0 if drive > old[1] else -1.0
+    elif on > 0.0:
+        new[1] = drive
+    elif on < -band:
+        new[1] = drive
+        new[2] = -old[2]
+        new[3] = old[3] + 1.0
+    new[4] = old[4] + n[0] * math.log10(new[3] // 2.0 + 1.0) * (x - old[0])
     return x + new[4]

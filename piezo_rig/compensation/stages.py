@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from piezo_rig.chain import Model, Stage
 from piezo_rig.chain.increments import Operation
-from piezo_rig.compensation.tables import increment_of
+from piezo_rig.compensation.tables import increment_of, tables_of
 
 IMPULSE = 4000  # samples
 SETTLED = 1e-3
+SLOW_V_PER_S = 1.0
 
 
 @dataclass(frozen=True)
@@ -62,12 +63,32 @@ def treat(model: Model, step_s: float, free_end: bool) -> tuple[Model, float, li
             elif increment is not None and increment.operation is Operation.MODE:
                 why = "" if _settles(increment.numbers, step_s) else (
                     "so large a share rides on the mode that its inverse would not come to rest")
-        if not why:
+        if why:
+            treatments.append(Treatment(stage.id, stage.place, "left out", why))
+        else:
             kept.append(stage)
-        treatments.append(
-            Treatment(stage.id, stage.place, "left out" if why else "inverted", why)
-        )
-    return model.with_(stages=tuple(kept)), lead_s, treatments
+            treatments.append(Treatment(stage.id, stage.place, "inverted"))
+    kept_model = model.with_(stages=tuple(kept))
+    slow = partly_below(kept_model)
+    for i, t in enumerate(treatments):
+        if t.how == "inverted" and t.id in slow:
+            treatments[i] = replace(t, why=f"below {slow[t.id]:.3g} V/s only in part: there the "
+                                    "drag of the model would outrun the drive")  # fmt: skip
+    return kept_model, lead_s, treatments
+
+
+def partly_below(model: Model) -> dict[str, float]:
+    """Speeds of the drive, V/s, below which a stage's drag is bounded, by its id."""
+    tables, branches = tables_of(model, steady=True), model.branches()
+    ids = [s.id for s in model.stages if increment_of(s, branches) is not None]
+    found = {}
+    for id, n, cap in zip(ids, tables.numbers, tables.caps, strict=True):
+        if not np.isfinite(cap) or n[0] <= 0.0 or (n[1] >= 1.0 and n[0] <= cap):
+            continue
+        speed = n[3] * (n[0] / cap) ** (1.0 / (1.0 - n[1])) if n[1] < 1.0 else np.inf
+        if speed > SLOW_V_PER_S:
+            found[id] = float(speed)
+    return found
 
 
 def _settles(numbers: tuple[float, ...], step_s: float) -> bool:

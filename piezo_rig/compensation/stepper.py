@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from piezo_rig.chain import Model
-from piezo_rig.compensation.tables import tables_of
+from piezo_rig.compensation.tables import ROUNDING_V, tables_of
 from piezo_rig.errors import InputError
 
 FloatArray = NDArray[np.float64]
@@ -58,16 +58,20 @@ class Stepper:
     steady : bound the drag of slow drives, as `follow` needs it
         (docs/decisions/0015-how-a-model-is-inverted.md); leave it out to play what the model is
 
+    dead_band_v : reversals up to that are not counted as half loops: noise
+
     Raises
     ------
     InputError : a stage has no such form
     """
 
-    def __init__(self, model: Model, steady: bool = False) -> None:
+    def __init__(
+        self, model: Model, steady: bool = False, dead_band_v: float = ROUNDING_V
+    ) -> None:
         from piezo_rig.compensation import machine
 
         self._machine = machine
-        self.tables = tables_of(model, steady)
+        self.tables = tables_of(model, steady, dead_band_v)
         self.state = machine.new_state(self.tables)
         self._time_s = np.nan
 

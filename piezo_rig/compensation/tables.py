@@ -18,6 +18,7 @@ from piezo_rig.errors import InputError
 
 FloatArray = NDArray[np.float64]
 NUMBERS = 24  # of one operation at most: the relaxations of creep, twice, and how many
+ROUNDING_V = 5e-9  # as `half_loops` has it, for a drive of 50 V
 STEADY = 0.8  # share of the way to where a drag would move an actuator against its drive
 
 
@@ -28,7 +29,8 @@ class Tables(NamedTuple):
     ----------
     kinds : shape (m,), `Operation`
     numbers : shape (m, NUMBERS)
-    caps : shape (m,); most that a drag, or a width, may grow with the rate, per reference rate
+    caps : shape (m,); most that a drag, or a width, may grow with the rate, per reference rate; of
+        ageing, the dead band
     drives : how many of the operations act on the drive; they are the first
     widen : index of the operation that acts on what sliders see, or -1
     init_knots_v, init_compliance : (n0 - 1,) and (n0,), the first rise
@@ -36,6 +38,7 @@ class Tables(NamedTuple):
     slopes, per_range, per_extremum : shape (2, e), V/um, and what a volt adds; falling, rising
     rest_knots_v, rest_compliance : the later branch after its early bands
     first_compliance : um/V, of the first spring where sliders do not see the drive itself
+    dead_band_v : reversals up to that are not counted as half loops
     """
 
     kinds: NDArray[np.int64]
@@ -52,6 +55,7 @@ class Tables(NamedTuple):
     rest_knots_v: FloatArray
     rest_compliance: FloatArray
     first_compliance: float
+    dead_band_v: float
 
 
 def increment_of(stage: Stage, branches: Branches) -> Increment | str | None:
@@ -62,13 +66,14 @@ def increment_of(stage: Stage, branches: Branches) -> Increment | str | None:
     return None
 
 
-def tables_of(model: Model, steady: bool) -> Tables:
+def tables_of(model: Model, steady: bool, dead_band_v: float = ROUNDING_V) -> Tables:
     """The tables of a model whose stages all have a form sample by sample.
 
     Parameters
     ----------
     steady : bound the drag of slow drives, so that a drive moves the actuator its own way
         (see `docs/decisions/0015-how-a-model-is-inverted.md`)
+    dead_band_v : reversals up to that are not counted as half loops
 
     Raises
     ------
@@ -97,16 +102,17 @@ def tables_of(model: Model, steady: bool) -> Tables:
     compliance = min(float(branches.initiation.compliance_um_per_v.min()), 1.0 / slopes.max(),
                      float(rest.compliance_um_per_v.min()))  # fmt: skip
     caps = np.full(len(kinds), np.inf)
-    if steady:
-        for j, kind in enumerate(kinds):
-            if kind in (Operation.DRAG, Operation.WIDEN):
-                caps[j] = STEADY * numbers[j, 2] * numbers[j, 3]
-                caps[j] *= compliance if kind == Operation.DRAG else 1.0
+    for j, kind in enumerate(kinds):
+        if steady and kind in (Operation.DRAG, Operation.WIDEN):
+            caps[j] = STEADY * numbers[j, 2] * numbers[j, 3]
+            caps[j] *= compliance if kind == Operation.DRAG else 1.0
+        elif kind == Operation.AGE:
+            caps[j] = dead_band_v
     return Tables(
         np.array(kinds, np.int64), numbers, caps, drives, widen,
         branches.initiation.knots_v, branches.initiation.compliance_um_per_v,
         widths, slopes, per_range, per_extremum, rest.knots_v, rest.compliance_um_per_v,
-        1.0 / branches.first_slope_v_per_um,
+        1.0 / branches.first_slope_v_per_um, dead_band_v,
     )  # fmt: skip
 
 
