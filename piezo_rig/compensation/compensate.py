@@ -160,16 +160,14 @@ def _out_of_reach(
     time, asked = target.time_s[k], target.displacement_um[k]
     slew = "" if np.isinf(bounds.slew_v_per_s) else f" and {bounds.slew_v_per_s:.6g} V/s"
     led = "" if wanted[k] == asked else f" ({wanted[k]:.6g} um with the lead)"
-    below = wanted[k] < reach.least_um
-    if not below and reach.drive_v < bounds.high_v - 1e-6 and reach.most_um < wanted[k]:
-        cause = "the target is too fast, or beyond what the highest drive gives"
-    elif below and reach.drive_v > bounds.low_v + 1e-6:
-        cause = "the target is too fast, or below what the lowest drive gives"
-    elif below:
-        cause = ("after its first rise an actuator with hysteresis does not come back to where it "
-                 "began without a drive below its lowest")  # fmt: skip
-    else:
+    step_v = bounds.slew_v_per_s * (time - target.time_s[k - 1])
+    if wanted[k] > reach.most_um and reach.drive_v + step_v >= bounds.high_v:
         cause = "the target is beyond what the highest drive gives"
+    elif wanted[k] < reach.least_um and reach.drive_v - step_v <= bounds.low_v:
+        cause = ("after its first rise an actuator with hysteresis does not come back to where it "
+                 "began, unless the drive goes below where that was")  # fmt: skip
+    else:
+        cause = "the target moves faster there than the rig lets the drive move"
     return LimitError(
         "out-of-reach",
         f"{target.name}: sample {k} ({time:.6g} s) asks for {asked:.6g} um{led}; within reach "

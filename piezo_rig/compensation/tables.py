@@ -100,7 +100,7 @@ def tables_of(model: Model, steady: bool, dead_band_v: float = ROUNDING_V) -> Ta
         rows.append(np.pad(np.array(increment.numbers), (0, NUMBERS - len(increment.numbers))))
     numbers = np.array(rows).reshape(-1, NUMBERS)
     compliance = min(float(branches.initiation.compliance_um_per_v.min()), 1.0 / slopes.max(),
-                     float(rest.compliance_um_per_v.min()))  # fmt: skip
+                     float(np.min(rest.compliance_um_per_v, initial=np.inf)))  # fmt: skip
     caps = np.full(len(kinds), np.inf)
     for j, kind in enumerate(kinds):
         if steady and kind in (Operation.DRAG, Operation.WIDEN):

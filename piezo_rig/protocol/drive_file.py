@@ -97,7 +97,11 @@ def unpack(text: str, run: str) -> dict[str, str]:
 
 
 def _unzipped(data: str) -> str:
-    return zlib.decompressobj().decompress(base64.b85decode(data), LARGEST).decode()
+    stream = zlib.decompressobj()
+    text = stream.decompress(base64.b85decode(data), LARGEST).decode()
+    if not stream.eof:
+        raise ValueError
+    return text
 
 
 def _wrong(name: str, what: str, remedy: str) -> InputError:
