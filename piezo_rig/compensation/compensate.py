@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from piezo_rig.chain import Model
-from piezo_rig.chain.half_loops import dead_band
+from piezo_rig.chain.half_loops import SMALL, dead_band
 from piezo_rig.compensation.stages import Treatment, treat
 from piezo_rig.compensation.stepper import Bounds, OutOfReach, Stepper
 from piezo_rig.compensation.tables import ROUNDING_V
@@ -24,7 +24,6 @@ from piezo_rig.protocol.plan import REST_DRIVE_V
 FloatArray = NDArray[np.float64]
 FEWEST = 2
 AT_ZERO_UM = 1e-3
-NOISY_V = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,12 +131,14 @@ def compensate(
         except OutOfReach as reach:
             raise _out_of_reach(reach, target, wanted, bounds) from None
 
-    drive, warnings = followed(ROUNDING_V), []
+    span_v = bounds.high_v - bounds.low_v
+    least = SMALL * span_v if np.isfinite(span_v) else ROUNDING_V
+    drive, warnings = followed(least), []
     band = dead_band(drive)
-    if band > NOISY_V:
+    if band > least:
         drive = followed(band)
-        warnings = [f"the target is noisy: reversals of the drive up to {band:.2g} V are not taken "
-                    "for half loops"]  # fmt: skip
+        warnings = [f"the drive is rough: reversals of it up to {band:.2g} V are taken for noise, "
+                    "and are no half loops; a smoother target is followed better"]  # fmt: skip
     predicted = model.simulate(time, drive, free_end=free_end)
     return Compensation(drive, predicted, lead_s, treatments, warnings)
 

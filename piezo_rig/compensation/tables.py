@@ -18,7 +18,7 @@ from piezo_rig.errors import InputError
 
 FloatArray = NDArray[np.float64]
 NUMBERS = 24  # of one operation at most: the relaxations of creep, twice, and how many
-ROUNDING_V = 5e-9  # as `half_loops` has it, for a drive of 50 V
+ROUNDING_V = 5e-9
 STEADY = 0.8  # share of the way to where a drag would move an actuator against its drive
 
 

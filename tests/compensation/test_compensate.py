@@ -191,14 +191,14 @@ def test_a_drag_that_would_outrun_the_drive_is_inverted_in_part_and_said():
     assert np.abs(np.diff(done.drive_v, 2)).max() < 1.0  # it does not hunt
 
 
-def test_a_noisy_target_is_followed_and_said_to_be_noisy():
+def test_a_noisy_target_is_followed_and_its_drive_said_to_be_rough():
     model = model_with("initiation-stage", "range-dependence")
     clean = lines(0.0, 5.0, 2.0, 4.0, points=3000)
     noise = 0.003 * np.random.default_rng(1).normal(size=clean.time_s.size)
     noise[0] = 0.0
     noisy = Target(clean.time_s, np.abs(clean.displacement_um + noise))
     done = compensate(model, noisy, Bounds(0.0, 75.0, 1e6))
-    assert "noisy" in done.warnings[0]
+    assert "rough" in done.warnings[0]
     assert np.abs(done.predicted_um - noisy.displacement_um).max() < 2e-3
 
 

@@ -22,7 +22,7 @@ from reference_actuators import Sliders
 
 ANYWHERE = Bounds(-200.0, 200.0, 1e9)
 K, X = [4.0, 3.0, 2.0, 5.0], [0.2, 0.6, 1.5, 9.0]
-levels = st.floats(0.0, 60.0).map(lambda v: round(v, 3))
+levels = st.floats(0.0, 60.0).map(lambda v: round(v, 1))
 
 
 def stepped(model, time, drive):
