@@ -18,7 +18,7 @@ FloatArray = NDArray[np.float64]
 BLOCKS, BLOCK = 16, 400  # samples looked at for the dead band
 REACH = 10.0  # dead band in standard deviations: two extremes of a long hold
 LARGEST = 0.05  # of the drive's range
-SMALL = 1e-3  # of the range of the drive: ringing or rounding, and no half loop
+SMALL = 5e-4  # of the range of the drive: ringing or rounding, and no half loop
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,22 +2,17 @@
 
 from __future__ import annotations
 
-import sys
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 import pytest
+from inverted_models import EVERY, model_with
 
 from piezo_rig.causes import CAUSES
 from piezo_rig.chain import Elements, Maxwell, Model, save_model
 from piezo_rig.cli import main
 from piezo_rig.compensation import Bounds, Target, compensate
 from piezo_rig.errors import LimitError
-
-sys.path.insert(0, str(Path(__file__).resolve().parent))
-
-from inverted_models import EVERY, model_with
 
 STEP = 2e-4
 RIG = Bounds(0.0, 75.0, 10_000.0)

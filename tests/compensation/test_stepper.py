@@ -15,7 +15,6 @@ from piezo_rig.compensation import Bounds, OutOfReach, Stepper
 from piezo_rig.errors import InputError
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "chain"))
-sys.path.insert(0, str(Path(__file__).resolve().parent))
 
 from inverted_models import EVERY, legs, model_with
 from reference_actuators import Sliders
