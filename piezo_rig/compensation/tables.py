@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from piezo_rig.chain import Branches, HalfLoops, Model, Stage
+from piezo_rig.chain import Branches, Curve, HalfLoops, Model, Stage
 from piezo_rig.chain.increments import Increment, Operation
 from piezo_rig.errors import InputError
 
@@ -116,7 +116,9 @@ def tables_of(model: Model, steady: bool, dead_band_v: float = ROUNDING_V) -> Ta
     )  # fmt: skip
 
 
-def _branch(branches: Branches):  # type: ignore[no-untyped-def]
+def _branch(
+    branches: Branches,
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, Curve]:
     """Slopes, their growth per volt of range and of extremum, widths of the bands, and the rest."""
     tried = [(r, x, d) for d in (-1.0, 1.0) for r, x in ((0.0, 0.0), (1.0, 0.0), (0.0, 1.0),
                                                            (37.0, -23.0))]  # fmt: skip
