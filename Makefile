@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 RUNS ?= runs
 
-.PHONY: demo test lint types layers check wheel bench-figures docs study study-thesis study-identification study-diagnosis study-kills study-endurance study-causes study-fuzz study-actuators clean help
+.PHONY: demo test lint types layers check wheel bench-figures docs study study-thesis study-identification study-diagnosis study-kills study-endurance study-causes study-fuzz study-actuators study-compensation clean help
 
 demo: $(READY)  ## play quick_look on the simulated bench: run, model, figures, ladder, report
 	$(BIN)/piezo-rig run quick_look --out $(RUNS)
@@ -39,7 +39,7 @@ $(READY): pyproject.toml constraints.txt
 	$(BIN)/python -m piezo_rig.warm_up
 	touch $@
 
-study: study-thesis study-identification study-diagnosis study-kills study-endurance study-causes study-fuzz study-actuators  ## everything that docs/ claims, measured again
+study: study-thesis study-identification study-diagnosis study-kills study-endurance study-causes study-fuzz study-actuators study-compensation  ## everything that docs/ claims, measured again
 
 study-identification: $(READY)  ## do the bands of an identification hold? docs/identification.md
 	$(BIN)/python -m piezo_rig.studies.identification
@@ -73,6 +73,9 @@ study-endurance: $(READY)  ## a day of bench time: memory, threads, open files; 
 
 study-fuzz: $(READY)  ## a hundred thousand hostile files, docs/hostile-files.md; 30 minutes
 	nice -n 10 $(BIN)/python -m piezo_rig.studies.fuzz --inputs 100000 --folder build/study-fuzz
+
+study-compensation: $(READY)  ## targets with and without compensation, docs/compensation.md; 10 minutes
+	$(BIN)/python -m piezo_rig.studies.compensation
 
 docs: $(READY)  ## write what the documents take from the program itself
 	$(BIN)/python -m tests.docs.write

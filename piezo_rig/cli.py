@@ -29,6 +29,7 @@ VERBS = {
     "import": "import_recordings",
     "identify": "identify",
     "simulate": "simulate",
+    "compensate": "compensate",
     "diagnose": "diagnose",
     "challenge": "challenge",
     "bench": "bench",

@@ -18,6 +18,8 @@ from typing import ClassVar
 import numpy as np
 
 from piezo_rig.causes.cause import Cause, Context
+from piezo_rig.chain.branches import Branches
+from piezo_rig.chain.increments import Increment, Operation
 from piezo_rig.chain.stage import Signal, Stage
 
 
@@ -38,6 +40,10 @@ class AmplifierLag(Cause):
 
         time, drive = (np.ascontiguousarray(x) for x in (signal.time_s, signal.drive_v))
         return signal.with_(drive_v=lagged(time, drive, tau))
+
+    def increment(self, branches: Branches) -> Increment | str:
+        tau = self["tau"]
+        return Increment(Operation.LAG, (tau,)) if tau > 0.0 else Increment(Operation.GAIN, (1.0,))
 
     @classmethod
     def trials(cls, context: Context) -> list[Stage]:

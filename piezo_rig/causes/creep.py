@@ -22,6 +22,8 @@ from typing import ClassVar
 import numpy as np
 
 from piezo_rig.causes.cause import Cause, Context, FloatArray
+from piezo_rig.chain.branches import Branches
+from piezo_rig.chain.increments import Increment, Operation
 from piezo_rig.chain.stage import Parameter, Signal, Stage
 
 TIMES_S = np.logspace(-2.0, 3.0, 11)
@@ -91,6 +93,9 @@ class Creep(Cause):
             value = self["rate_per_decade"] * mean
             said["rate_per_decade"] = Parameter(value, "1", (value - half, value + half))
         return said
+
+    def increment(self, branches: Branches) -> Increment | str:
+        return Increment(Operation.RELAX, (float(TIMES_S.size), *TIMES_S, *self.shares))
 
     @classmethod
     def trials(cls, context: Context) -> list[Stage]:

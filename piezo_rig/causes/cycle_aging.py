@@ -28,7 +28,9 @@ from typing import ClassVar
 import numpy as np
 
 from piezo_rig.causes.cause import Cause, Context, FloatArray
+from piezo_rig.chain.branches import Branches
 from piezo_rig.chain.half_loops import half_loops
+from piezo_rig.chain.increments import Increment, Operation
 from piezo_rig.chain.model import first_measured
 from piezo_rig.chain.stage import Signal, Stage
 
@@ -73,6 +75,11 @@ class CycleAging(Cause):
     @property
     def _whole(self) -> bool:
         return "whole" in self.parameters and self["whole"] > 0
+
+    def increment(self, branches: Branches) -> Increment | str:
+        if self._whole:
+            return "how far a half loop will go is not known before its end"
+        return Increment(Operation.AGE, (self["rate_per_decade"],))
 
     @classmethod
     def variants(cls, context: Context) -> list[list[Stage]]:

@@ -19,6 +19,8 @@ from typing import ClassVar
 import numpy as np
 
 from piezo_rig.causes.cause import Cause, Context, FloatArray
+from piezo_rig.chain.branches import Branches
+from piezo_rig.chain.increments import Increment, Operation
 from piezo_rig.chain.stage import Parameter, Signal, Stage
 
 NEVER_V = 1000.0  # no piezo amplifier of this kind goes there
@@ -39,6 +41,9 @@ class DriveClipping(Cause):
 
     def act(self, signal: Signal) -> Signal:
         return signal.with_(drive_v=np.clip(signal.drive_v, self["lower"], self["upper"]))
+
+    def increment(self, branches: Branches) -> Increment | str:
+        return Increment(Operation.CLIP, (self["lower"], self["upper"]))
 
     @classmethod
     def variants(cls, context: Context) -> list[list[Stage]]:

@@ -20,6 +20,8 @@ from collections.abc import Mapping
 from typing import ClassVar
 
 from piezo_rig.causes.cause import Cause, Context
+from piezo_rig.chain.branches import Branches
+from piezo_rig.chain.increments import Increment, Operation
 from piezo_rig.chain.stage import Signal, Stage
 
 
@@ -35,6 +37,9 @@ class DriveGain(Cause):
 
     def act(self, signal: Signal) -> Signal:
         return signal.with_(drive_v=self["ratio"] * signal.drive_v)
+
+    def increment(self, branches: Branches) -> Increment | str:
+        return Increment(Operation.GAIN, (self["ratio"],))
 
     @classmethod
     def trials(cls, context: Context) -> list[Stage]:

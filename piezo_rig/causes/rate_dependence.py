@@ -21,6 +21,7 @@ import numpy as np
 
 from piezo_rig.causes.cause import Cause, Context, FloatArray
 from piezo_rig.chain.branches import Branches
+from piezo_rig.chain.increments import Increment, Operation
 from piezo_rig.chain.stage import Signal, Stage
 
 REFERENCE_V_PER_S = 300.0
@@ -81,6 +82,12 @@ class RateDependence(Cause):
         rate = self._rate(signal)
         lag = self["lag_um"] * np.sign(rate) * np.abs(rate) ** self["exponent"]
         return signal.with_(displacement_um=signal.displacement_um - lag)
+
+    def increment(self, branches: Branches) -> Increment | str:
+        rest = (self["exponent"], self.window, REFERENCE_V_PER_S)
+        if self.widens:
+            return Increment(Operation.WIDEN, (self.widens_by_v(branches), *rest))
+        return Increment(Operation.DRAG, (self["lag_um"], *rest))
 
     @property
     def widens(self) -> bool:

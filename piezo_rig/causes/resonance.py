@@ -19,6 +19,8 @@ from typing import ClassVar
 import numpy as np
 
 from piezo_rig.causes.cause import Cause, Context, FloatArray
+from piezo_rig.chain.branches import Branches
+from piezo_rig.chain.increments import Increment, Operation
 from piezo_rig.chain.stage import Signal, Stage
 
 LOWEST_HZ, HIGHEST_HZ = 110.0, 2500.0  # below lies the hum
@@ -52,6 +54,10 @@ class Resonance(Cause):
     def act(self, signal: Signal) -> Signal:
         moved = self._mode(signal.time_s, signal.displacement_um[None, :])[0]
         return signal.with_(displacement_um=moved)
+
+    def increment(self, branches: Branches) -> Increment | str:
+        omega = 2.0 * np.pi * self["frequency"]
+        return Increment(Operation.MODE, (self["share"], omega, self["damping"]))
 
     @classmethod
     def variants(cls, context: Context) -> list[list[Stage]]:

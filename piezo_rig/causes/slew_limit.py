@@ -19,6 +19,8 @@ from typing import ClassVar
 import numpy as np
 
 from piezo_rig.causes.cause import Cause, Context, FloatArray
+from piezo_rig.chain.branches import Branches
+from piezo_rig.chain.increments import Increment, Operation
 from piezo_rig.chain.stage import Signal, Stage
 
 SHARES = (0.99, 0.97, 0.94, 0.9, 0.85, 0.78, 0.7, 0.6, 0.5, 0.4, 0.3)  # of the fastest half loop
@@ -53,6 +55,9 @@ class SlewLimit(Cause):
     def act(self, signal: Signal) -> Signal:
         time, drive = (np.ascontiguousarray(x) for x in (signal.time_s, signal.drive_v))
         return signal.with_(drive_v=_compiled()(time, drive, self["limit"]))
+
+    def increment(self, branches: Branches) -> Increment | str:
+        return Increment(Operation.SLEW, (self["limit"],))
 
     @classmethod
     def variants(cls, context: Context) -> list[list[Stage]]:

@@ -13,6 +13,8 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from piezo_rig.chain.branches import Branches
+from piezo_rig.chain.increments import Increment, Operation
 from piezo_rig.chain.stage import Signal, Stage
 
 FloatArray = NDArray[np.float64]
@@ -39,3 +41,7 @@ class Bend(Stage):
         u = (signal.drive_v - self["from_v"]) / self["over_v"]
         bent = sum(self[name] * u**power for name, power in POWERS.items())
         return signal.with_(displacement_um=signal.displacement_um + bent)
+
+    def increment(self, branches: Branches) -> Increment | str:
+        numbers = (self["from_v"], self["over_v"], *(self[name] for name in POWERS))
+        return Increment(Operation.BEND, numbers)

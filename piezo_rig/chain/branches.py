@@ -173,22 +173,23 @@ class Branches:
         """Whether branches differ from half loop to half loop."""
         return bool(self.laws or self.reaching)
 
-    def first_slopes(self, loops: HalfLoops) -> FloatArray:
+    def first_slopes(self, loops: HalfLoops, checked: bool = True) -> FloatArray:
         """First slope of the branches of every half loop, V/um, shape (m,)."""
         slopes = np.full(len(loops), self.first_slope_v_per_um)
         for law in self.laws:
             slopes = law(slopes, loops)
-        _positive(slopes, loops)
+        if checked:
+            _positive(slopes, loops)
         return slopes
 
-    def bands(self, loops: HalfLoops) -> Bands:
-        """The later branches of these half loops.
+    def bands(self, loops: HalfLoops, checked: bool = True) -> Bands:
+        """The later branches of these half loops; ``checked``: refuse what cannot be.
 
         Raises
         ------
         InputError : a slope that is not positive
         """
-        first = self.first_slopes(loops)
+        first = self.first_slopes(loops, checked)
         if not self.reaching:
             return Bands((self.first_break_um * first)[:, None], first[:, None], self.rest)
         grid = self.grid()
@@ -204,7 +205,8 @@ class Branches:
                 slopes[here] += change
             slopes[r.taken_back(early)] -= r.closing / r.last_um * added
         slopes = np.ascontiguousarray(slopes.T)
-        _positive(slopes.min(axis=1), loops)
+        if checked:
+            _positive(slopes.min(axis=1), loops)
         rest = Curve(np.empty(0), 1.0 / first[:1]) if grid.rest is None else grid.rest
         return Bands(np.cumsum(slopes * widths, axis=1), slopes, rest)
 

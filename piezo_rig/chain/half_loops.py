@@ -18,6 +18,7 @@ FloatArray = NDArray[np.float64]
 BLOCKS, BLOCK = 16, 400  # samples looked at for the dead band
 REACH = 10.0  # dead band in standard deviations: two extremes of a long hold
 LARGEST = 0.05  # of the drive's range
+SMALL = 5e-4  # of the range of the drive: ringing or rounding, and no half loop
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,6 +55,11 @@ def dead_band(drive_v: FloatArray) -> float:
     return band if band < LARGEST * float(np.ptp(drive_v)) else 0.0
 
 
+def least_reversal(drive_v: FloatArray) -> float:
+    """Reversals smaller than this are no half loops, volts: noise, ringing, rounding."""
+    return max(dead_band(drive_v), SMALL * float(np.ptp(drive_v))) if drive_v.size else 0.0
+
+
 def noise(drive_v: FloatArray) -> float:
     """Standard deviation of white noise on a waveform; 0 where there is none to be seen.
 
@@ -87,11 +93,11 @@ def noise(drive_v: FloatArray) -> float:
 
 
 def half_loops(drive_v: FloatArray, band: float | None = None) -> HalfLoops:
-    """Half loops of a drive, shape (n,), in volts; ``band`` replaces the estimated dead band."""
+    """Half loops of a drive, shape (n,), in volts; ``band`` replaces `least_reversal`."""
     from piezo_rig.chain.kernels import turning_points
 
     drive = np.ascontiguousarray(drive_v, dtype=float)
-    start = turning_points(drive, dead_band(drive) if band is None else band)
+    start = turning_points(drive, least_reversal(drive) if band is None else band)
     stop = np.append(start[1:], drive.size - 1)
     change = drive[stop] - drive[start]
     range_v = np.abs(np.concatenate([change[:1], change[:-1]]))

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from piezo_rig.chain.branches import Branches
 from piezo_rig.chain.elements import Elements
+from piezo_rig.chain.increments import Increment
 from piezo_rig.errors import InputError
 
 FloatArray = NDArray[np.float64]
@@ -110,6 +111,14 @@ class Stage:
     def act(self, signal: Signal) -> Signal:
         """What the stage makes of the signal at its place."""
         return signal
+
+    def increment(self, branches: Branches) -> Increment | str:
+        """What `act` or `seen_by_sliders` does in one step, or why that has no form.
+
+        ``branches`` : the kernel's, after every stage has shaped them. Not asked of a stage that
+        only shapes them.
+        """
+        return "its effect on a sample needs more than the samples before it"
 
     def carry(self, signal: Signal, changes: FloatArray) -> FloatArray:
         """What the stage makes of small changes (k, n) of the displacement of a signal."""

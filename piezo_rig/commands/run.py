@@ -84,6 +84,7 @@ def resume(args: argparse.Namespace) -> Path:
 
     from piezo_rig.config import load_rig
     from piezo_rig.protocol import build_plan, load_protocol
+    from piezo_rig.protocol.drive_file import unpack
     from piezo_rig.protocol.protocol_file import recorded_protocol
     from piezo_rig.resources import find
     from piezo_rig.run_file.close import find_run
@@ -104,7 +105,10 @@ def resume(args: argparse.Namespace) -> Path:
     check_rig(run, rig)
     protocol = (
         load_protocol(find("protocols", args.protocol)) if args.protocol
-        else recorded_protocol(run.texts["protocol_text"], str(run.path))
+        else recorded_protocol(
+            run.texts["protocol_text"], str(run.path),
+            unpack(run.texts.get("protocol_files", ""), str(run.path)),
+        )
     )
     plan = build_plan(protocol, rig)
     check_plan(run, plan)

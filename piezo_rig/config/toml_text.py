@@ -15,6 +15,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from piezo_rig.csv_table import read_table_text
 from piezo_rig.errors import InputError
 from piezo_rig.resources import read_text
 
@@ -26,12 +27,20 @@ Path_ = tuple[str | int, ...]
 
 
 class Document:
-    """A parsed TOML file and the lines of its keys."""
+    """A parsed TOML file and the lines of its keys.
 
-    def __init__(self, text: str, name: str, code: str) -> None:
+    ``companions`` are the texts of the files that it names, by the paths that it gives; where they
+    are not given they are read from beside it, and kept here.
+    """
+
+    def __init__(
+        self, text: str, name: str, code: str, companions: dict[str, str] | None = None
+    ) -> None:
         self.text = text
         self.name = name
         self.code = code
+        self.companions = {} if companions is None else companions
+        self.recorded = companions is not None
         try:
             self.data = tomllib.loads(text)
         except (tomllib.TOMLDecodeError, RecursionError, ValueError) as error:
@@ -46,6 +55,23 @@ class Document:
 
     def root(self) -> Table:
         return Table(self, self.data, ())
+
+    def companion(self, path: str, what: str) -> str:
+        """The text of a file that this one names, relative to its own folder.
+
+        Raises
+        ------
+        InputError : it is not there, or not readable
+        """
+        if path not in self.companions:
+            if self.recorded:
+                raise InputError(
+                    self.code, f"{self.name}: it does not hold the file {path} that it played",
+                    "the run is of another version, or damaged",
+                    f"give the protocol that names {path}",
+                )
+            self.companions[path] = read_table_text(Path(self.name).parent / path, what)
+        return self.companions[path]
 
     def line(self, path: Path_) -> int:
         """The line of a key, or of the nearest table around it; 0 where it has none."""

@@ -97,6 +97,8 @@ class Plan:
     def hash(self) -> str:
         """SHA-256 over what is played: identities, histories and every DAC code."""
         digest = hashlib.sha256(f"{self.sample_rate!r}".encode())
+        for path, text in sorted(self.protocol.files.items()):
+            digest.update(f"{path}|{hashlib.sha256(text.encode()).hexdigest()}|".encode())
         codes: dict[int, bytes] = {}
         for s in self.sweeps:
             if id(s.wave) not in codes:

@@ -14,10 +14,11 @@ from pathlib import Path
 import numpy as np
 
 from piezo_rig.config.toml_text import Document, Table
+from piezo_rig.protocol.drive_file import STORED_BYTES, digest, pack, played
 from piezo_rig.protocol.waveforms import Cycles, Hold, Route, Segment
 
 _LISTABLE = ("lower_v", "upper_v", "frequency_hz", "slew_v_per_s", "level_v", "duration_s")
-_WAVEFORMS = ("triangle", "sine", "hold", "blank", "steps", "turning-points", "sequence")
+_WAVEFORMS = ("triangle", "sine", "hold", "blank", "steps", "turning-points", "file", "sequence")
 LARGEST_V = 10_000.0  # of drive; a rig's own limits are far below
 SLOWEST, FASTEST = 1e-6, 1e9  # Hz and V/s
 MAX_CONDITIONS = 10_000
@@ -50,6 +51,7 @@ class Protocol:
     approach_slew_v_per_s: float
     conditions: tuple[Condition, ...]
     rate_line: int = 0  # of sample_rate in the file; 0 where it stands on its default
+    files: dict[str, str] = field(default_factory=dict)  # path, as given -> text
 
     def order_of(self, repeat: int) -> list[int]:
         """Indices of the conditions in the order in which one repeat (1-based) plays them."""
@@ -69,14 +71,14 @@ def load_protocol(path: Path) -> Protocol:
     return parse_protocol(Document.load(path, "protocol", "protocol file"))
 
 
-def recorded_protocol(text: str, run: str) -> Protocol:
-    """The protocol that a run carries.
+def recorded_protocol(text: str, run: str, files: dict[str, str]) -> Protocol:
+    """The protocol that a run carries, with the files that it names.
 
     Raises
     ------
     InputError : names the run, line and key
     """
-    return parse_protocol(Document(text, run, "protocol"))
+    return parse_protocol(Document(text, run, "protocol", files))
 
 
 def parse_protocol(document: Document) -> Protocol:
@@ -98,11 +100,15 @@ def parse_protocol(document: Document) -> Protocol:
             if len(conditions) > MAX_CONDITIONS:
                 raise table.error("", f"more than {MAX_CONDITIONS} conditions")
     root.finish()
+    if len(pack(document.companions)) > STORED_BYTES:
+        raise root.error("condition", "the files that it plays are too large to be kept in a run",
+                         "give fewer rows (straight lines are drawn between them), or fewer digits")
     return Protocol(
         name=name, description=description, text=document.text, path=document.name,
         sample_rate=rate, repeats=repeats, history=history, order=order, shuffle_seed=seed,
         approach_slew_v_per_s=approach, conditions=tuple(_with_unique_names(conditions)),
         rate_line=document.line(("sample_rate",)) if "sample_rate" in root else 0,
+        files=dict(document.companions),
     )
 
 
@@ -144,7 +150,7 @@ def _condition(table: Table) -> Condition:
         )
     else:
         condition = _simple(table, waveform)
-    telling = ("upper_v", "points_v", "levels_v", "level_v", "segments", "waveform")
+    telling = ("upper_v", "points_v", "levels_v", "level_v", "path", "segments", "waveform")
     key = next((k for k in telling if k in table), "waveform")
     line = table.document.line((*table.path, key))
     return replace(condition, name=given or condition.name, line=line)
@@ -219,9 +225,20 @@ def _turning_points(table: Table, waveform: str) -> Built:
     )
 
 
+def _file(table: Table, waveform: str) -> Built:
+    path = table.text("path")
+    text = table.document.companion(path, "a CSV with time_s,drive_v")
+    segment = played(text, path, LARGEST_V)
+    low, high = float(segment.drive_v.min()), float(segment.drive_v.max())
+    return (
+        f"file {Path(path).stem}", (segment,),
+        {"path": path, "sha256": digest(text), "lower_v": low, "upper_v": high},
+    )
+
+
 _BUILDERS = {
     "triangle": _cycles, "sine": _cycles, "hold": _hold, "blank": _blank, "steps": _steps,
-    "turning-points": _turning_points,
+    "turning-points": _turning_points, "file": _file,
 }
 
 

@@ -12,10 +12,10 @@ from pathlib import Path
 from piezo_rig.bench import Bench
 from piezo_rig.config import Rig, load_rig
 from piezo_rig.config.calibration import parts_of
-from piezo_rig.config.toml_text import Document
 from piezo_rig.errors import InputError, PiezoRigError
 from piezo_rig.protocol import Plan, build_plan
-from piezo_rig.protocol.protocol_file import parse_protocol
+from piezo_rig.protocol.drive_file import unpack
+from piezo_rig.protocol.protocol_file import recorded_protocol
 from piezo_rig.replay.tape import Comparison, TapeKeeper, TapeTransport
 from piezo_rig.run_file.reader import Run
 from piezo_rig.run_file.transcript import INSTRUMENTS, WireRecord
@@ -40,7 +40,8 @@ def plan_of(run: Run) -> Plan:
         config.write_text(_with_calibrations(run.texts["rig_config"], files), encoding="utf-8")
         try:
             rig = load_rig(str(config))
-            protocol = parse_protocol(Document(run.texts["protocol_text"], "protocol", "protocol"))
+            played = unpack(run.texts.get("protocol_files", ""), str(run.path))
+            protocol = recorded_protocol(run.texts["protocol_text"], "protocol", played)
             return build_plan(protocol, rig)
         except PiezoRigError as error:
             raise _cannot(run, f"its plan cannot be made again: {error.what}") from None

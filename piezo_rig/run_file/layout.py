@@ -90,4 +90,5 @@ class RunHeader:
     calibrations: dict[str, str] = field(default_factory=dict)  # path -> SHA-256
     calibration_texts: dict[str, str] = field(default_factory=dict)  # path -> the file itself
     rig_path: str = ""
+    protocol_files: str = ""  # what the protocol plays from files, packed; see protocol.drive_file
     notes: tuple[str, ...] = ()

@@ -113,6 +113,8 @@ class RunWriter:
             _text(entry, name, getattr(header, name))
         _text(entry, "calibrations", json.dumps(header.calibrations, sort_keys=True))
         _text(entry, "calibration_texts", json.dumps(header.calibration_texts, sort_keys=True))
+        if header.protocol_files:
+            _text(entry, "protocol_files", header.protocol_files)
         _text(entry, "notes", "\n".join(header.notes))
         entry.create_dataset("clock_start", data=header.clock_start).attrs["units"] = "s"
         sample = entry.create_group("sample")

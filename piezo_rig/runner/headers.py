@@ -9,6 +9,7 @@ from pathlib import Path
 from piezo_rig import __version__
 from piezo_rig.bench import Bench
 from piezo_rig.protocol import Plan, PlannedSweep
+from piezo_rig.protocol.drive_file import pack
 from piezo_rig.run_file.layout import RunHeader, SweepHeader
 from piezo_rig.runner.resume import Seam
 
@@ -20,6 +21,7 @@ def run_header(plan: Plan, bench: Bench, clock_s: float) -> RunHeader:
     return RunHeader(
         title=plan.protocol.name, origin=bench.origin, protocol_text=plan.protocol.text,
         plan_hash=plan.hash, rig_config=rig.text,
+        protocol_files=pack(plan.protocol.files),
         rig_path=str(Path(rig.path).resolve()), operator=rig.operator,
         actuator={
             "model": stack.model, "serial": stack.serial, "mounting": stack.mounting,

@@ -35,6 +35,13 @@ def test_a_clean_sine_has_no_dead_band(per_cycle):
     assert abs(len(half_loops(sine)) - turns) <= 2
 
 
+def test_ringing_of_ten_millivolts_does_not_cut_a_rise_in_two():
+    loops = half_loops(ride([0.0, 20.0, 19.99, 20.01, 20.0, 40.0, 0.0], 50))
+    assert loops.range_v == pytest.approx([40, 40])
+    assert loops.extremum_v == pytest.approx([0, 40])
+    assert len(half_loops(ride([0.0, 20.0, 19.9, 40.0, 0.0], 50))) == 4  # that is a reversal
+
+
 def test_a_hold_between_ramps_is_not_a_turning_point():
     drive = np.concatenate([np.linspace(0, 5, 50), np.full(30, 5.0), np.linspace(5, 9, 50)])
     assert len(half_loops(drive)) == 1

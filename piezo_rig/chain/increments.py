@@ -1,0 +1,48 @@
+"""The form of a stage sample by sample: what it is, its numbers; no state and no code.
+
+A stage that acts on the signal says with an `Increment` which of a handful of operations it is.
+A machine that goes along a drive one sample at a time (`piezo_rig.compensation`) keeps the state
+and knows the operations; `Model.simulate` plays the very same stages on whole signals.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+
+
+class Operation(IntEnum):
+    """What a stage does to the signal at its place; the numbers that it takes, in order.
+
+    The first four act on the drive, `WIDEN` on what the sliders see of it, the rest on the
+    displacement.
+    """
+
+    GAIN = 0
+    """ratio"""
+    CLIP = 1
+    """lower V, upper V"""
+    SLEW = 2
+    """V/s"""
+    LAG = 3
+    """time constant s; above 0"""
+    WIDEN = 4
+    """width V at the reference rate, exponent, window s, reference rate V/s"""
+    BEND = 5
+    """from V, over V, coefficients um of the powers 2, 3, 4, 5"""
+    DRAG = 6
+    """lag um at the reference rate, exponent, window s, reference rate V/s"""
+    RELAX = 7
+    """how many; their time constants s; their weights"""
+    MODE = 8
+    """share, angular frequency 1/s, damping"""
+    AGE = 9
+    """share of the stroke per decade of cycles"""
+
+
+@dataclass(frozen=True)
+class Increment:
+    """One operation and its numbers."""
+
+    operation: Operation
+    numbers: tuple[float, ...]

@@ -1,0 +1,190 @@
+"""What each operation does in one step, compiled: state before, signal in; state after, signal out.
+
+A step is tried before it is taken, so nothing here writes to what was before. The formulas are
+those of `piezo_rig.chain.relaxation`, `.oscillation` and `.backlash`, one sample at a time.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numba
+
+SMALLEST_V = 1e-9  # what moves less stands still: it is the rounding of a solution
+MEMORY = 16  # floats that an operation remembers at most
+
+# of `Operation`; compiled code reads plain numbers
+GAIN, CLIP, SLEW, LAG, WIDEN, BEND, DRAG, RELAX, MODE, AGE = range(10)
+
+
+@numba.njit(cache=True)
+def begin(kind, n, new, x, drive):
+    """The first sample of a virgin actuator: displacement or drive in, the same out."""
+    for k in range(new.size):
+        new[k] = 0.0
+    if kind == GAIN:
+        return n[0] * x
+    if kind == CLIP:
+        return min(max(x, n[0]), n[1])
+    if kind in (SLEW, LAG):
+        new[0] = x
+        new[1] = x
+        return x
+    if kind in (DRAG, WIDEN):
+        new[0] = drive
+        new[1] = drive
+        new[2] = drive
+        return x
+    if kind == BEND:
+        return x + _bend(n, drive)
+    if kind == RELAX:
+        new[12] = x
+        return x
+    if kind == MODE:
+        new[3] = x
+        return x
+    if kind == AGE:
+        new[0] = x
+        new[1] = drive
+        return x
+    return x
+
+
+@numba.njit(cache=True)
+def prepare(kind, n, step_s, cache):
+    """What depends on the length of the step alone."""
+    if kind == SLEW:
+        cache[0] = n[0] * step_s
+    elif kind == LAG:
+        _first_order(n[0], step_s, cache)
+    elif kind in (DRAG, WIDEN):
+        _first_order(n[2], step_s, cache)
+    elif kind == RELAX:
+        m = int(n[0])
+        for k in range(m):
+            decay = math.exp(-step_s / n[1 + k])
+            hold = n[1 + k] / step_s * (1.0 - decay)
+            cache[k] = decay
+            cache[m + k] = hold
+    elif kind == MODE:
+        omega, damping = n[1], n[2]
+        ringing = omega * math.sqrt(1.0 - damping * damping)
+        fade = math.exp(-damping * omega * step_s)
+        cache[0] = fade * math.cos(ringing * step_s)
+        cache[1] = fade * math.sin(ringing * step_s) / ringing
+        cache[2] = step_s
+
+
+@numba.njit(cache=True)
+def _first_order(tau, step_s, cache):
+    decay = math.exp(-step_s / tau)
+    cache[0] = decay
+    cache[1] = tau / step_s * (1.0 - decay)
+
+
+@numba.njit(cache=True)
+def step(kind, n, cap, cache, old, new, x, drive):
+    """One step: ``x`` is the drive (operations on it) or the displacement so far."""
+    if kind == GAIN:
+        return n[0] * x
+    if kind == CLIP:
+        return min(max(x, n[0]), n[1])
+    if kind == BEND:
+        return x + _bend(n, drive)
+    if kind == SLEW:
+        new[0] = old[0] + min(max(x - old[0], -cache[0]), cache[0])
+        return new[0]
+    if kind == LAG:
+        return _follow(cache, old, new, x)
+    if kind == DRAG:
+        rate = (drive - _follow(cache, old, new, drive)) / n[2] / n[3]
+        return x - math.copysign(_drag(n, cap, rate), rate)
+    if kind == RELAX:
+        return x + _relax(n, cache, old, new, x)
+    if kind == MODE:
+        return x + n[0] * (_mode(n, cache, old, new, x) - x)
+    if kind == AGE:
+        return _age(n, cap, old, new, x, drive)
+    return x
+
+
+@numba.njit(cache=True)
+def widened(n, cap, cache, old, new, drive):
+    """The drive that sliders see through thresholds that widen with its rate."""
+    rate = (drive - _follow(cache, old, new, drive)) / n[2] / n[3]
+    width = _drag(n, cap, rate)
+    new[2] = min(max(old[2], drive - width), drive + width)
+    return new[2]
+
+
+@numba.njit(cache=True)
+def _follow(cache, old, new, x):
+    """A first-order lag: memory is its output and its input."""
+    moved = x - old[1]
+    new[0] = x - moved * cache[1] + (old[0] - old[1]) * cache[0]
+    new[1] = x
+    return new[0]
+
+
+@numba.njit(cache=True)
+def _drag(n, cap, rate):
+    size = abs(rate)
+    return min(n[0] * size ** n[1], cap * size)
+
+
+@numba.njit(cache=True)
+def _bend(n, drive):
+    u = (drive - n[0]) / n[1]
+    return u * u * (n[2] + u * (n[3] + u * (n[4] + u * n[5])))
+
+
+@numba.njit(cache=True)
+def _relax(n, cache, old, new, x):
+    m = int(n[0])
+    here = x - old[12]
+    moved = here - old[11]
+    total = 0.0
+    for k in range(m):
+        q = here - moved * cache[m + k] + (old[k] - old[11]) * cache[k]
+        new[k] = q
+        total += n[1 + m + k] * q
+    new[11] = here
+    new[12] = old[12]
+    return total
+
+
+@numba.njit(cache=True)
+def _mode(n, cache, old, new, x):
+    """Memory: how far the mode is off what it would follow, the rate of that, slope, input."""
+    omega, damping = n[1], n[2]
+    behind = 2.0 * damping / omega
+    slope = (x - old[3]) / cache[2]
+    e = old[0] + behind * (slope - old[2])
+    v = old[1] - (slope - old[2])
+    new[0] = cache[0] * e + cache[1] * (v + damping * omega * e)
+    new[1] = cache[0] * v - cache[1] * (omega * omega * e + damping * omega * v)
+    new[2] = slope
+    new[3] = x
+    return x - behind * slope + new[0]
+
+
+@numba.njit(cache=True)
+def _age(n, band, old, new, x, drive):
+    """Memory: displacement, extreme of the half loop, its way, those before it, what was added."""
+    new[0] = x
+    new[1] = old[1]
+    new[2] = old[2]
+    new[3] = old[3]
+    on = (drive - old[1]) * old[2]
+    if old[2] == 0.0:
+        if abs(drive - old[1]) > band:
+            new[1] = drive
+            new[2] = 1.0 if drive > old[1] else -1.0
+    elif on > 0.0:
+        new[1] = drive
+    elif on < -band:
+        new[1] = drive
+        new[2] = -old[2]
+        new[3] = old[3] + 1.0
+    new[4] = old[4] + n[0] * math.log10(new[3] // 2.0 + 1.0) * (x - old[0])
+    return x + new[4]

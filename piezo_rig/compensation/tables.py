@@ -1,0 +1,142 @@
+"""A model as plain arrays: what its machine (`machine.py`) reads and never writes.
+
+The laws of the first spring are affine in what a half loop remembers, its range and the drive at
+its turning point, for each direction. So a branch is three tables: what it is without either, and
+what each volt of the two adds.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from piezo_rig.chain import Branches, Curve, HalfLoops, Model, Stage
+from piezo_rig.chain.increments import Increment, Operation
+from piezo_rig.errors import InputError
+
+FloatArray = NDArray[np.float64]
+NUMBERS = 24  # of one operation at most: the relaxations of creep, twice, and how many
+ROUNDING_V = 5e-9
+STEADY = 0.8  # share of the way to where a drag would move an actuator against its drive
+
+
+class Tables(NamedTuple):
+    """Operations in the order of the chain, and the curves of the actuator.
+
+    Attributes
+    ----------
+    kinds : shape (m,), `Operation`
+    numbers : shape (m, NUMBERS)
+    caps : shape (m,); most that a drag, or a width, may grow with the rate, per reference rate; of
+        ageing, the dead band
+    drives : how many of the operations act on the drive; they are the first
+    widen : index of the operation that acts on what sliders see, or -1
+    init_knots_v, init_compliance : (n0 - 1,) and (n0,), the first rise
+    widths_um : shape (e,), of the early bands of a later branch
+    slopes, per_range, per_extremum : shape (2, e), V/um, and what a volt adds; falling, rising
+    rest_knots_v, rest_compliance : the later branch after its early bands
+    first_compliance : um/V, of the first spring where sliders do not see the drive itself
+    dead_band_v : reversals up to that are not counted as half loops
+    keeps_ties : whether a loop that is closed exactly stays in memory
+    """
+
+    kinds: NDArray[np.int64]
+    numbers: FloatArray
+    caps: FloatArray
+    drives: int
+    widen: int
+    init_knots_v: FloatArray
+    init_compliance: FloatArray
+    widths_um: FloatArray
+    slopes: FloatArray
+    per_range: FloatArray
+    per_extremum: FloatArray
+    rest_knots_v: FloatArray
+    rest_compliance: FloatArray
+    first_compliance: float
+    dead_band_v: float
+    keeps_ties: bool
+
+
+def increment_of(stage: Stage, branches: Branches) -> Increment | str | None:
+    """What a stage does from sample to sample; None where it only shapes branches or remembers."""
+    acts = type(stage).act is not Stage.act
+    if acts or type(stage).seen_by_sliders is not Stage.seen_by_sliders:
+        return stage.increment(branches)
+    return None
+
+
+def tables_of(model: Model, steady: bool, dead_band_v: float = ROUNDING_V) -> Tables:
+    """The tables of a model whose stages all have a form sample by sample.
+
+    Parameters
+    ----------
+    steady : bound the drag of slow drives, so that a drive moves the actuator its own way
+        (see `docs/decisions/0015-how-a-model-is-inverted.md`)
+    dead_band_v : reversals up to that are not counted as half loops
+
+    Raises
+    ------
+    InputError : a stage without such a form, or a law that is not affine
+    """
+    branches = model.branches()
+    slopes, per_range, per_extremum, widths, rest = _branch(branches)
+    kinds: list[int] = []
+    rows: list[FloatArray] = []
+    drives, widen = 0, -1
+    for stage in model.stages:
+        increment = increment_of(stage, branches)
+        if increment is None:
+            continue
+        if isinstance(increment, str):
+            raise InputError(
+                "not-stepwise", f"stage {stage.id} has no form sample by sample: {increment}",
+                "", "take it out of the model",
+            )
+        if increment.operation is Operation.WIDEN:
+            widen = len(kinds)
+        drives += stage.place == "drive"
+        kinds.append(int(increment.operation))
+        rows.append(np.pad(np.array(increment.numbers), (0, NUMBERS - len(increment.numbers))))
+    numbers = np.array(rows).reshape(-1, NUMBERS)
+    compliance = min(float(branches.initiation.compliance_um_per_v.min()), 1.0 / slopes.max(),
+                     float(np.min(rest.compliance_um_per_v, initial=np.inf)))  # fmt: skip
+    caps = np.full(len(kinds), np.inf)
+    for j, kind in enumerate(kinds):
+        if steady and kind in (Operation.DRAG, Operation.WIDEN):
+            caps[j] = STEADY * numbers[j, 2] * numbers[j, 3]
+            caps[j] *= compliance if kind == Operation.DRAG else 1.0
+        elif kind == Operation.AGE:
+            caps[j] = dead_band_v
+    return Tables(
+        np.array(kinds, np.int64), numbers, caps, drives, widen,
+        branches.initiation.knots_v, branches.initiation.compliance_um_per_v,
+        widths, slopes, per_range, per_extremum, rest.knots_v, rest.compliance_um_per_v,
+        1.0 / branches.first_slope_v_per_um, dead_band_v, branches.keeps_ties,
+    )  # fmt: skip
+
+
+def _branch(
+    branches: Branches,
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, Curve]:
+    """Slopes, their growth per volt of range and of extremum, widths of the bands, and the rest."""
+    tried = [(r, x, d) for d in (-1.0, 1.0) for r, x in ((0.0, 0.0), (1.0, 0.0), (0.0, 1.0),
+                                                           (37.0, -23.0))]  # fmt: skip
+    range_v, extremum_v, direction = (np.array(column) for column in zip(*tried, strict=True))
+    index = np.arange(len(tried))
+    bands = branches.bands(HalfLoops(index, index + 1, range_v, extremum_v, direction), False)
+    rows = bands.early_slopes_v_per_um
+    if not branches.has_laws:
+        rows = np.repeat(rows[:1], len(tried), axis=0)
+    slopes = rows[[0, 4]]
+    per_range, per_extremum = rows[[1, 5]] - slopes, rows[[2, 6]] - slopes
+    foretold = slopes + 37.0 * per_range - 23.0 * per_extremum
+    if not np.allclose(foretold, rows[[3, 7]], rtol=1e-9, atol=1e-9 * np.abs(rows).max()):
+        raise InputError(
+            "law-not-affine", "a law of the first spring is not a straight line over its history",
+            "the model was written by a newer version", "use the version that wrote it",
+        )
+    edges = np.diff(bands.early_knots_v[:1], axis=1, prepend=0.0)[0]
+    return slopes, per_range, per_extremum, edges / rows[0], bands.rest
