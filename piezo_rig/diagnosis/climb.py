@@ -47,6 +47,7 @@ OF_THE_MISFIT = (
 NEARER = 0.9  # held-out error, of that when a cause was refused, below which it is tried again
 NEAR = 1.1  # held-out error of a rival, of the best one's
 LOOSE = 15.0  # log-likelihood that a law must gain by being let go of
+PLAINLY = 2.0  # and of what any other cause would gain, while there is one
 BEND = Bend.id
 Tell = Callable[[str], None]
 
@@ -154,9 +155,11 @@ class _Search:
             level = LATER if self.causes else LEVEL
             good = np.flatnonzero(family < level) if family.size else np.empty(0, int)
             best = float(result.ratio[good].max()) if good.size else 0.0
-            if self.bend(here, best) or (good.size and self.loosen(here, best)):
+            if self.bend(here, best) or (good.size and self.loosen(here, PLAINLY * best)):
                 continue
-            if good.size == 0 or not self.take(here, found, good, family):
+            if good.size and self.take(here, found, good, family):
+                continue
+            if not (self.left_over() and self.loosen(here, 0.0)):
                 return
 
     def family(self, result: Scan) -> FloatArray:
@@ -186,7 +189,7 @@ class _Search:
         return True
 
     def loosen(self, here: Fitted, best: float) -> bool:
-        """Let go of the assumed law of a member where that says more than any other cause does."""
+        """Let go of the assumed law of a member where that gains more than ``best``."""
         for id in self.causes:
             kind, stage = CAUSES[id], here.point.model.stage(id)
             free = kind.loosened if issubclass(kind, Cause) else {}
@@ -196,12 +199,28 @@ class _Search:
             wide = stage.with_values(**{n: stage.neutral[n] for n in free})
             sizes = (*here.point.sizes, *((id, n, size) for n, size in free.items()))
             point = replace(here.point, model=here.point.model.with_stage(wide), sizes=sizes)
-            fitted = refit(self.space, refit(self.space, point).point, steps=1, held=True)
+            fitted = self.wholly(point)
             gained = fitted.evidence - here.evidence
             if gained > max(LOOSE, best) and self.worse(fitted, here) is None:
                 self.steps[-1] = replace(self.steps[-1], fitted=fitted)
+                self.stood_in(id)
                 return True
         return False
+
+    def wholly(self, point: Point) -> Fitted:
+        """Refitted with optional parameters, then held for a fair comparison."""
+        return refit(self.space, refit(self.space, point).point, steps=1, held=True)
+
+    def stood_in(self, id: str) -> None:
+        """Drop what only stood in for what the law of a member could not do."""
+        for other in self.causes:
+            if other == id or CAUSES[other].has_elements:
+                continue
+            self.tell(f"refit without {other}")
+            less = self.wholly(_less(self.fitted.point, other))
+            if less.evidence > self.fitted.evidence - SHADOW:
+                new = next(s for s in reversed(self.steps) if s.cause != other)
+                self.drop(other, new, less)
 
     def take(
         self, here: Fitted, found: Found, good: NDArray[np.int64], family: FloatArray
