@@ -64,6 +64,7 @@ class Cause(Stage):
     sharp : parameter -> by how much finer than its example it must be varied
     scanned : an optional parameter that is looked for over its logarithm, and by which factor at
         first; it has many local optima, or the data say little of it
+    kinked : a parameter in seconds whose effect has a kink at whole samples, where a descent hangs
     loosened : optional parameters that let go of its assumed law, and the size of an example: they
         are fitted where the effect is so large that what is left of it shows
     needs_speeds : it can be told from the model's own loop only where half loops differ in speed
@@ -80,6 +81,7 @@ class Cause(Stage):
     given: ClassVar[tuple[str, ...]] = ()
     sharp: ClassVar[Mapping[str, float]] = {}
     scanned: ClassVar[tuple[str, float]] = ("", 1.0)
+    kinked: ClassVar[str] = ""
     loosened: ClassVar[Mapping[str, float]] = {}
     needs_speeds: ClassVar[bool] = False
     needs_first_rise: ClassVar[bool] = False

@@ -27,6 +27,7 @@ class TimeSkew(Cause):
     id = "time-skew"
     place = "acquisition"
     needs_speeds = True
+    kinked: ClassVar[str] = "delay"
     units: ClassVar[Mapping[str, str]] = {"delay": "s"}
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {"delay": (-1.0, 1.0)}
 

@@ -19,7 +19,7 @@ from piezo_rig.causes.cause import Cause
 from piezo_rig.chain.bend import Bend
 from piezo_rig.diagnosis.confusion import APART, certainties, strengths
 from piezo_rig.diagnosis.fit import Point
-from piezo_rig.diagnosis.forms import further, reached
+from piezo_rig.diagnosis.forms import beside_kinks, further, reached
 from piezo_rig.diagnosis.likelihood import Likelihood, reduce
 from piezo_rig.diagnosis.needed import does_nothing, needless, worth_needed
 from piezo_rig.diagnosis.refit import Fitted, refit, settle
@@ -325,6 +325,7 @@ class _Search:
             fitted = refit(self.space, point, held=True)
             if fitted.evidence > here.evidence + LARGE:
                 fitted = further(self.space, fitted, candidate.id)
+            fitted = beside_kinks(self.space, fitted, candidate.id)
         except (InputError, np.linalg.LinAlgError):
             fitted = None  # at the size that the data ask for it cannot even be played
         if fitted is None or does_nothing(self.space, fitted.point, candidate.id) or (

@@ -21,6 +21,7 @@ PARABOLAS, SETTLED = 6, 1.0  # at most so many, and the gain in log-likelihood t
 FURTHER, FURTHER_BY = 4, 1.4
 FORMS = (0.0, 1.0)  # tapers of a law
 SHORTEST, WIDER, REACHES = 0.006, 1.3, 14  # its reach: of the travel, step, how many
+BESIDE = 0.02  # samples
 FADES = 4.0  # log-likelihood by which a law that fades out must be better
 
 
@@ -45,6 +46,21 @@ def further(space: Space, fitted: Fitted, id: str) -> Fitted:
             break
         fitted = there
     return fitted
+
+
+def beside_kinks(space: Space, fitted: Fitted, id: str) -> Fitted:
+    """The best refit from beside whole samples, where a kink of the effect holds a descent up."""
+    stage = fitted.point.model.stage(id)
+    if not isinstance(stage, Cause) or not stage.kinked:
+        return fitted
+    step_s = 1.0 / space.groups.rate
+    below = np.floor(stage[stage.kinked] / step_s)
+    tried = [fitted]
+    for whole in (below, below + 1.0):
+        for beside in (-BESIDE, BESIDE):
+            there = (whole + beside) * step_s
+            tried.append(_at(space, fitted, id, **{stage.kinked: float(there)}))
+    return max(tried, key=lambda f: f.evidence)
 
 
 def reached(space: Space, fitted: Fitted, id: str, than: Fitted) -> Fitted:
