@@ -11,7 +11,7 @@ import numba
 import numpy as np
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def behind(drive, width):
     """The drive (n,) behind a backlash of ``width`` (n,) volts to either side."""
     out = np.empty(drive.size)

@@ -29,7 +29,7 @@ import numpy as np
 # branch, distance from the branch's turning point at the beginning.
 
 
-@numba.njit(cache=True, boundscheck=False)
+@numba.njit(cache=True, boundscheck=False, nogil=True)
 def _run_end(v, i, up):
     """Last sample of the monotone run that contains i, moving up or down."""
     n = v.size
@@ -73,7 +73,7 @@ def _run_end(v, i, up):
         return i
 
 
-@numba.njit(cache=True, boundscheck=False)
+@numba.njit(cache=True, boundscheck=False, nogil=True)
 def _first_beyond(v, i, end, limit, up):
     """First index in i..end whose drive lies beyond the limit; end + 1 if none."""
     if i > end or (v[end] <= limit if up else v[end] >= limit):
@@ -110,7 +110,7 @@ def _first_beyond(v, i, end, limit, up):
     return high
 
 
-@numba.njit(cache=True, boundscheck=False)
+@numba.njit(cache=True, boundscheck=False, nogil=True)
 def _back_again(v, i, here, room, up):
     """First sample beyond ``here`` after a small excursion the other way; -1 if there is none.
 
@@ -126,7 +126,7 @@ def _back_again(v, i, here, room, up):
     return i if i < end and v[i] > here else -1
 
 
-@numba.njit(cache=True, boundscheck=False)
+@numba.njit(cache=True, boundscheck=False, nogil=True)
 def walk(v, origin, init_knots, early_knots, rest_knots, loop_start, early_slopes, keeps):
     """Cut a drive into segments.
 
@@ -283,7 +283,7 @@ def walk(v, origin, init_knots, early_knots, rest_knots, loop_start, early_slope
     return ints[:count], floats[:count]
 
 
-@numba.njit(cache=True, boundscheck=False)
+@numba.njit(cache=True, boundscheck=False, nogil=True)
 def fill(v, ints, floats, n0, init_compliance, early_slopes, rest_compliance, out):
     """Displacement of a walked drive into ``out``, um, shape (n,); 0 at the walk's origin."""
     y = 0.0
@@ -305,7 +305,7 @@ def fill(v, ints, floats, n0, init_compliance, early_slopes, rest_compliance, ou
         y += c * (floats[s, 1] - begin)
 
 
-@numba.njit(cache=True, boundscheck=False)
+@numba.njit(cache=True, boundscheck=False, nogil=True)
 def turning_points(v, dead_band):
     """Samples at which the drive turns, ignoring reversals up to the dead band.
 

@@ -12,7 +12,7 @@ import numba
 import numpy as np
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def rung(time, rows, omega, damping):
     """Rows (k, n) through the mode, shape (k, n); each begins settled at its first sample."""
     k, n = rows.shape

@@ -12,7 +12,7 @@ import numba
 import numpy as np
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def off(time, x, tau):
     """How far a first-order lag behind x is off it, shape (n,); it begins settled.
 
@@ -37,13 +37,13 @@ def off(time, x, tau):
     return out
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def lagged(time, x, tau):
     """x behind a first-order lag, shape (n,); it begins settled at the first sample."""
     return x + off(time, x, tau)
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def relaxed(time, x, taus, weights):
     """Weighted sum of lags of x, each less its value at the first sample, shape (n,)."""
     out = np.zeros(x.size)
@@ -70,7 +70,7 @@ def relaxed(time, x, taus, weights):
     return out
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def relaxed_rows(time, rows, taus, weights):
     """`relaxed` of many signals at once, shape (k, n)."""
     k, n = rows.shape

@@ -118,7 +118,7 @@ def smooth(plays: FloatArray, scales: Scales, first_rise: bool) -> FloatArray:
     return np.concatenate([out, more])
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def _plays(v, r):
     """Play operators with thresholds r, at rest at the first sample; shape (k, n)."""
     out = np.empty((r.size, v.size))

@@ -11,7 +11,8 @@ from dataclasses import replace
 import numpy as np
 
 from piezo_rig.causes.cause import Cause
-from piezo_rig.diagnosis.refit import Fitted, refit
+from piezo_rig.diagnosis.likelihood import Likelihood, reduce
+from piezo_rig.diagnosis.refit import Fitted, playable, refit, settle
 from piezo_rig.diagnosis.space import Space
 from piezo_rig.errors import InputError
 
@@ -20,7 +21,8 @@ PLAIN = 20.0  # log-likelihood above which all forms of a law are refitted
 PARABOLAS, SETTLED = 6, 1.0  # at most so many, and the gain in log-likelihood that ends them
 FURTHER, FURTHER_BY = 4, 1.4
 FORMS = (0.0, 1.0)  # tapers of a law
-SHORTEST, WIDER, REACHES = 0.006, 1.3, 14  # its reach: of the travel, step, how many
+SHORTEST, WIDER, REACHES = 0.006, 1.19, 21  # its reach: of the travel, step, how many
+LIKELIEST = 2  # of each form, that are refitted
 BESIDE = 0.02  # samples
 FADES = 4.0  # log-likelihood by which a law that fades out must be better
 
@@ -75,7 +77,7 @@ def reached(space: Space, fitted: Fitted, id: str, than: Fitted) -> Fitted:
         return fitted
     if "taper" not in stage.parameters or fitted.evidence <= than.evidence + PLAIN:
         return _summit(space, fitted, id)
-    summits = [_summit(space, _tied(space, f, id), id) for f in _forms(space, fitted, id)]
+    summits = [_summit(space, _tied(space, f, id), id) for f in _forms(space, fitted, id, than)]
     return max(summits, key=lambda f: f.evidence - FADES * _taper(f, id))
 
 
@@ -114,27 +116,31 @@ def _summit(space: Space, fitted: Fitted, id: str) -> Fitted:
     return refit(space, likeliest.point, steps=2, held=True)
 
 
-def _forms(space: Space, fitted: Fitted, id: str) -> list[Fitted]:
+def _forms(space: Space, fitted: Fitted, id: str, than: Fitted) -> list[Fitted]:
     """The best of each of a law's forms, looked for over all reaches that it may have.
 
-    The evidence has several summits over the reach. The thesis's law ends where an element gives
-    way; one that fades out must say more.
+    The evidence has several summits over the reach, so all are scored about the model without the
+    law, each with what the law does at its fitted size; the best are refitted. The thesis's law
+    ends where an element gives way; one that fades out must say more.
     """
-    start = fitted.point.model.stage(id)
+    start, less = fitted.point.model.stage(id), than.point.model
     assert start is not None
     reaches = space.groups.travel_um * SHORTEST * WIDER ** np.arange(REACHES)
-    here = int(np.searchsorted(reaches, start["reach"]))
-    best = []
+    tried = [start.with_values(reach=float(r), taper=form) for form in FORMS for r in reaches]
+    tried = [s for s in tried if playable(space, less.with_stage(s))]
+    settle(space, than.point)
+    pairs = [(less, less.with_stage(s)) for s in tried]
+    likelihood = Likelihood(reduce(space.linear(than.point, pairs)))
+    worth = [likelihood.evidence([k]) for k in range(len(tried))]
+    best = [fitted]
     for form in FORMS:
-        first = fitted if start["taper"] == form else _at(space, fitted, id, taper=form)
-        walked = [first]
-        for way in (reaches[here:], reaches[:here][::-1]):
-            last = first
-            for reach in way:
-                last = _at(space, last, id, reach=float(reach))
-                walked.append(last)
-        best.append(max(walked, key=lambda f: f.evidence))
-    return best
+        own = [k for k, s in enumerate(tried) if s["taper"] == form]
+        for k in sorted(own, key=lambda k: -worth[k])[:LIKELIEST]:
+            best.append(_at(space, fitted, id, reach=tried[k]["reach"], taper=form))
+    return [
+        max(same, key=lambda f: f.evidence)
+        for form in FORMS if (same := [f for f in best if _taper(f, id) == form])
+    ]  # fmt: skip
 
 
 def _tied(space: Space, fitted: Fitted, id: str) -> Fitted:

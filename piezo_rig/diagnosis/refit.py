@@ -233,16 +233,17 @@ def _moved(
         values[n:] += change
         values[:n] += element_step(point, linear, None, change)
         there = point.moved(values)
-        if _playable(space, there):
+        if playable(space, there.model):
             return there, change
         change = 0.5 * change
     return point, np.zeros_like(change)
 
 
-def _playable(space: Space, point: Point) -> bool:
+def playable(space: Space, model: Model) -> bool:
+    """Whether a model can follow all drives of the data."""
     try:
         for group in space.groups.groups:
-            group.predicted(point.model)
+            group.predicted(model)
     except InputError:
         return False
     return True

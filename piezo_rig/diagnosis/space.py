@@ -7,8 +7,10 @@ After that, refits, tests and bootstraps are linear algebra on a few hundred row
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +25,9 @@ from piezo_rig.diagnosis.noise import Whitener
 FloatArray = NDArray[np.float64]
 MOST_KNOWN, MOST_BANDS = 4, 6  # kept
 NEAR = 0.15  # columns of a model whose numbers are this near serve as well
+THREADS = 2
 Key = tuple[object, ...]
+Made = TypeVar("Made")
 
 
 @dataclass(frozen=True)
@@ -87,6 +91,15 @@ class Layout:
                 return slice(at, at + n)
             at += n
         return slice(at, at + 1)  # residual
+
+
+class _Row(NamedTuple):
+    """Of one piece: what `Linear` holds of all."""
+
+    white: FloatArray
+    raw: FloatArray
+    weight: float
+    rows: tuple[FloatArray, FloatArray]
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,13 +175,13 @@ class Space:
             old = next(iter(self._known))
             self._known.pop(old)
             self._bands = {k: v for k, v in self._bands.items() if k[0] != old}
-        self.fixed = []
         every = [_driven(group, model) for group in self.groups.groups]
         tight = self.held and not self.loose
         left = held.bends_left(self.groups, every, model, self.scales) if tight else []
-        for index, group in enumerate(self.groups.groups):
+
+        def of(index: int) -> list[tuple[int, Fixed]]:
+            group, made = self.groups.groups[index], []
             plays = dictionary.fine(every[index], self.scales, self.first_rise)
-            fine = plays.shape[0]
             if tight:
                 columns = np.concatenate([left[index], self.groups.thinned(group, plays)])
             else:
@@ -176,19 +189,24 @@ class Space:
                 smooth = dictionary.smooth(plays, self.scales, self.first_rise)
                 columns = self.groups.thinned(group, np.concatenate([powers, smooth, plays]))
             moved = self._carried(model, group, columns)
-            self.counts = (moved.shape[0] - fine, fine, len(self.tags))
-            for piece in self.pieces:
+            for at, piece in enumerate(self.pieces):
                 if piece.group != index:
                     continue
-                generic = self.generic[len(self.fixed)]
+                generic = self.generic[at]
                 white, raw = self._kept(moved[:, piece.begin : piece.end], group)
                 cross = white @ generic.white.T
                 gram = np.block([[white @ white.T, cross], [cross.T, generic.gram]])
-                self.fixed.append(Fixed(
+                made.append((moved.shape[0] - plays.shape[0], Fixed(
                     np.concatenate([white, generic.white]), gram,
                     np.concatenate([raw, generic.raw]),
-                ))  # fmt: skip
+                )))  # fmt: skip
+            return made
 
+        found = self._each_group(of)
+        self.fixed = [f for _, f in found]
+        bends = found[0][0] if found else 0
+        fine = self.fixed[0].white.shape[0] - bends - len(self.tags) if found else 0
+        self.counts = (bends, fine, len(self.tags))
         self._known[key] = (model, self.fixed, self.counts)
 
     def about(self, point: Point, linear: Linear) -> Linear:
@@ -242,35 +260,51 @@ class Space:
         """
         p = point.values().size
         layout = Layout(p, *self.counts, len(trials), len(point.coefficients))
-        whites, raws, counts, rows = [], [], [], []
-        at = 0
         bands = self.bands(point)
-        for index, group in enumerate(self.groups.groups):
-            moving = self.moving(group, point, trials)
-            for piece in self.pieces:
-                if piece.group != index:
-                    continue
-                cut = moving[:, piece.begin : piece.end]
-                fixed, base = self.fixed[at], bands[at]
-                at += 1
-                k = len(base.white)
-                weight = np.sqrt(group.repeats)
-                white = self.whiten(cut, weight)
-                known = base.white @ white.T
-                gram = np.block([[base.gram, known], [known.T, white @ white.T]])
-                cross = np.concatenate([base.cross, white @ fixed.white.T])
-                whites.append(_assembled(gram, cross, fixed.gram, p, len(trials)))
-                own = np.concatenate([cut[: p - k], cut[-1:]])
-                own = own - own.mean(axis=1, keepdims=True)
-                known = base.raw @ own.T
-                raws.append(group.repeats * np.block([[base.raw_gram, known],
-                                                      [known.T, own @ own.T]]))  # fmt: skip
-                counts.append(float(group.repeats * cut.shape[1]))
-                rows.append((np.concatenate([base.white, white[: p - k]]),
-                             np.concatenate([base.raw, own[:-1]])))  # fmt: skip
+        point.neighbours(point.compliances)  # known before threads ask for them
+
+        def about(index: int) -> list[_Row]:
+            return self._about(index, point, trials, bands)
+
+        found = self._each_group(about)
         law = self.law if self.law.size else np.zeros(self.counts[2])
-        return Linear(layout, np.array(whites), np.array(raws), np.array(counts), law, tuple(rows),
-                      self._made_for)  # fmt: skip
+        return Linear(
+            layout, np.array([r.white for r in found]), np.array([r.raw for r in found]),
+            np.array([r.weight for r in found]), law, tuple(r.rows for r in found), self._made_for,
+        )  # fmt: skip
+
+    def _each_group(self, make: Callable[[int], list[Made]]) -> list[Made]:
+        """What ``make`` makes of every group, by two threads: most of it is outside the lock."""
+        with ThreadPoolExecutor(THREADS) as pool:
+            return [row for rows in pool.map(make, range(len(self.groups.groups))) for row in rows]
+
+    def _about(
+        self, index: int, point: Point, trials: Sequence[tuple[Model, Model]], bands: list[Bands]
+    ) -> list[_Row]:
+        """Gram matrices of one group's pieces."""
+        group, p, out = self.groups.groups[index], point.values().size, []
+        moving = self.moving(group, point, trials)
+        for at, piece in enumerate(self.pieces):
+            if piece.group != index:
+                continue
+            cut = moving[:, piece.begin : piece.end]
+            fixed, base = self.fixed[at], bands[at]
+            k = len(base.white)
+            white = self.whiten(cut, np.sqrt(group.repeats))
+            known = base.white @ white.T
+            gram = np.block([[base.gram, known], [known.T, white @ white.T]])
+            cross = np.concatenate([base.cross, white @ fixed.white.T])
+            own = np.concatenate([cut[: p - k], cut[-1:]])
+            own = own - own.mean(axis=1, keepdims=True)
+            known = base.raw @ own.T
+            out.append(_Row(
+                _assembled(gram, cross, fixed.gram, p, len(trials)),
+                group.repeats * np.block([[base.raw_gram, known], [known.T, own @ own.T]]),
+                float(group.repeats * cut.shape[1]),
+                (np.concatenate([base.white, white[: p - k]]),
+                 np.concatenate([base.raw, own[:-1]])),
+            ))  # fmt: skip
+        return out
 
     def with_residual(self, linear: Linear, point: Point, leave: int | None = None) -> Linear:
         """The same tangent with the residual of a point near by (no trials).
@@ -332,19 +366,22 @@ class Space:
             np.full(len(s.elements), s.id not in point.fixed)
             for s in model.stages if s.elements is not None
         ])  # fmt: skip
-        out: list[Bands] = []
-        for index, group in enumerate(self.groups.groups):
+
+        def of(index: int) -> list[Bands]:
+            group, made = self.groups.groups[index], []
             free = basis.bands(model, group)[mine]
-            thin = self.groups.thinned(group, free)
-            moved = self._carried(model, group, thin)
-            for piece in self.pieces:
+            moved = self._carried(model, group, self.groups.thinned(group, free))
+            for at, piece in enumerate(self.pieces):
                 if piece.group != index:
                     continue
                 cut = moved[:, piece.begin : piece.end]
                 white = self.whiten(cut, np.sqrt(group.repeats))
                 raw = cut - cut.mean(axis=1, keepdims=True)
-                fixed = self.fixed[len(out)].white
-                out.append(Bands(white, raw, white @ white.T, raw @ raw.T, white @ fixed.T))
+                fixed = self.fixed[at].white
+                made.append(Bands(white, raw, white @ white.T, raw @ raw.T, white @ fixed.T))
+            return made
+
+        out = self._each_group(of)
         self._bands[key] = out
         return out
 
