@@ -28,11 +28,12 @@ def follow() -> list[str]:
     """Do all that the page says in the current folder; returns the verbs that were called."""
     called = []
     for kind, text in BLOCK.findall(PAGE):
-        if kind == "toml":
+        if kind in ("toml", "csv"):
             head = text.splitlines()[0].removeprefix("# ")
             name = head.removeprefix("at the end of ")
+            text = "\n" + text if kind == "toml" else text.split("\n", 1)[1]
             with open(name, "a" if head != name else "w", encoding="utf-8") as handle:
-                handle.write("\n" + text)
+                handle.write(text)
         elif kind == "sh":
             for line in text.splitlines():
                 program, *words = words_of(line)
@@ -50,7 +51,10 @@ def test_every_command_of_the_tutorial_does_what_the_page_says(tmp_path, monkeyp
     (tmp_path / "configs").symlink_to(CHECKOUT / "configs")
     monkeypatch.chdir(tmp_path)
     called = follow()
-    assert called == ["doctor", "plan", "run", "show", "verify", "identify", "simulate", "diagnose"]
+    assert called == [
+        "doctor", "calibrate", "plan", "run", "watch", "show", "verify", "export", "identify",
+        "simulate", "compensate", "export", "diagnose",
+    ]  # fmt: skip
     said = capsys.readouterr()
     assert said.err == ""
     (ladder,) = (text for kind, text in BLOCK.findall(PAGE) if kind == "text")
@@ -62,7 +66,8 @@ def test_every_command_of_the_tutorial_does_what_the_page_says(tmp_path, monkeyp
     assert abs(hum["parameters"]["amplitude"]["value"] - 25.0) < 2.0  # as in bench.toml
     assert skew["cause"] == "time-skew"
     assert 0.5e-3 < skew["parameters"]["delay"]["value"] < 1.5e-3  # a sample
-    for name in ("diagnosis.html", "ladder.png", "extended.json", "predicted.csv", "model.json"):
+    for name in ("diagnosis.html", "ladder.png", "extended.json", "predicted.csv", "model.json",
+                 "model.c"):
         assert (tmp_path / name).stat().st_size > 1000
 
 
