@@ -35,21 +35,26 @@ def find_line(groups: Groups, model: Model) -> Line | None:
     if any(g.repeats < 2 for g in groups.groups):
         return None
     rows = rows_of(groups, model)
-    shortest = min(float(r.time_s[-1] - r.time_s[0]) for r in rows)
     longest = max(float(r.time_s[-1] - r.time_s[0]) for r in rows)
-    low, high = CELLS / shortest, 0.45 * groups.rate
+    low, high = CELLS / longest, 0.45 * groups.rate
     if low >= 0.5 * high:
         return None
     f = np.arange(low, high, 0.5 / longest)
-    score, share = np.zeros(f.size), 0.0
+    score, share = np.zeros(f.size), np.zeros(f.size)
+    power, heard = np.zeros(f.size), np.zeros(f.size)
     for row in rows:
         cell = 1.0 / float(row.time_s[-1] - row.time_s[0])
-        level = row.power(f[:, None] + AROUND * cell).mean(axis=1)
+        told = f >= CELLS * cell  # a short recording says nothing of slow lines
+        level = row.power(f[told, None] + AROUND * cell).mean(axis=1)
         # each recording's own p-value (Fisher): power over background is F(2, 2 INDEPENDENT)
-        ratio = row.power(f) / np.maximum(level, 1e-300)
-        score += row.share * INDEPENDENT * np.log1p(ratio / INDEPENDENT)
-        share += row.share
-    k = int(np.argmax(score))
-    chance = float(stats.chi2.sf(2.0 * score[k], 2.0 * share))
-    power = float(np.mean([row.power(float(f[k])) / row.share for row in rows]))
-    return Line(float(f[k]), 1e3 * float(np.sqrt(0.5 * power)), min(chance * f.size, 1.0))
+        own = row.power(f[told])
+        score[told] += row.share * INDEPENDENT * np.log1p(
+            own / np.maximum(level, 1e-300) / INDEPENDENT
+        )
+        share[told] += row.share
+        power[told] += own / row.share
+        heard[told] += 1.0
+    chance = stats.chi2.sf(2.0 * score, 2.0 * share)
+    k = int(np.argmin(chance))
+    rms = float(np.sqrt(0.5 * power[k] / heard[k]))
+    return Line(float(f[k]), 1e3 * rms, min(float(chance[k]) * f.size, 1.0))

@@ -1,0 +1,34 @@
+"""A line in clock time is heard wherever a recording lasts long enough to hear it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from piezo_rig.diagnosis.early import find_line
+from piezo_rig.diagnosis.groups import group_tracks
+from piezo_rig.identification import prepare
+from piezo_rig.studies.hidden import draw
+
+
+def heard(kind, protocol):
+    case = draw(kind, 725, protocol, "white", 60.0, 2)
+    data = prepare(case.sweeps, first_rises=True, clipped=True)
+    groups = group_tracks(data, case.sweeps)
+    return case, find_line(groups, None)
+
+
+@pytest.mark.parametrize("protocol", ["matrix", "rates"])  # of one length; of 0.4 to 2 s
+def test_the_floor_is_heard_beside_recordings_that_are_too_short_for_it(protocol):
+    case, line = heard("stranger:seismic", protocol)
+    shortest = min(c.drive_v.size / c.rate for c in case.conditions)
+    assert protocol == "matrix" or 37.0 < 18.0 / shortest
+    (effect,) = case.effects
+    assert line.p_value < 1e-9
+    assert line.frequency == pytest.approx(37.0 + effect.width, abs=0.5)
+    assert line.rms_nm == pytest.approx(1e3 * effect.size / np.sqrt(2.0), rel=0.25)
+
+
+def test_nothing_is_heard_where_nothing_is():
+    for protocol in ("matrix", "rates"):
+        assert heard("null", protocol)[1].p_value > 1e-3
