@@ -17,14 +17,15 @@ from numpy.typing import NDArray
 from piezo_rig.causes import CAUSES
 from piezo_rig.causes.cause import Cause
 from piezo_rig.chain.bend import Bend
-from piezo_rig.diagnosis.confusion import APART, certainties, strengths
+from piezo_rig.diagnosis.confusion import strengths
 from piezo_rig.diagnosis.fit import Point
 from piezo_rig.diagnosis.forms import beside_kinks, further, reached
 from piezo_rig.diagnosis.likelihood import Likelihood, reduce
-from piezo_rig.diagnosis.needed import does_nothing, needless, worth_needed
+from piezo_rig.diagnosis.needed import does_nothing, needless
 from piezo_rig.diagnosis.refit import Fitted, refit, settle
 from piezo_rig.diagnosis.scan import LEVEL, Found, Scan, extended, scan, score_powers
 from piezo_rig.diagnosis.space import Space
+from piezo_rig.diagnosis.spare import NEEDED, clear, faint, less_point, prune, stood_in
 from piezo_rig.errors import InputError
 
 FloatArray = NDArray[np.float64]
@@ -32,10 +33,7 @@ MOST = 8  # findings
 DOUBTFUL = 1e-6  # chance of a false alarm above which a cause must predict unseen data better
 LATER = 0.002  # chance of a false alarm for each finding after the first: there are several looks
 CLOSE, RUN_OFF = 0.4, 3  # share of the best score, and how many are refitted to compare
-SAFE = 20.0  # times what a table must be worth: not looked at again
-NEEDED = 3.0  # log-likelihood that decides between models
 LARGE = 300.0  # log-likelihood above which the linear start is not trusted
-WEAK, SHADOW = 10.0, 15.0  # d' and log-likelihood that leave an effect in doubt beside such laws
 OFF = 2.0  # an effect must be so many times what a law may be off by
 ROUNDS, DETOURS, FEW = 2, 2, 3
 RIVAL = 0.4  # score of a rival, of the member's own
@@ -96,18 +94,18 @@ def climb(
     noise_nm : of one recording, what no model falls below
     others : causes that were tried elsewhere (on the raw recordings), for the correction
     """
-    search = _Search(space, first, rng, tell, held_out, noise_nm, others)
+    search = Search(space, first, rng, tell, held_out, noise_nm, others)
     search.forward()
-    search.clear()
+    clear(search)
     for _ in range(ROUNDS):
         if not (search.few or search.left_over()) or not search.detour():
             break
-    search.faint()
+    faint(search)
     return Ladder(search.first, tuple(search.rungs()), tuple(search.scans))
 
 
 @dataclass(eq=False)
-class _Search:
+class Search:
     space: Space
     first: Fitted
     rng: np.random.Generator
@@ -203,24 +201,13 @@ class _Search:
             gained = fitted.evidence - here.evidence
             if gained > max(LOOSE, best) and self.worse(fitted, here) is None:
                 self.steps[-1] = replace(self.steps[-1], fitted=fitted)
-                self.stood_in(id)
+                stood_in(self, id)
                 return True
         return False
 
     def wholly(self, point: Point) -> Fitted:
         """Refitted with optional parameters, then held for a fair comparison."""
         return refit(self.space, refit(self.space, point).point, steps=1, held=True)
-
-    def stood_in(self, id: str) -> None:
-        """Drop what only stood in for what the law of a member could not do."""
-        for other in self.causes:
-            if other == id or CAUSES[other].has_elements:
-                continue
-            self.tell(f"refit without {other}")
-            less = self.wholly(_less(self.fitted.point, other))
-            if less.evidence > self.fitted.evidence - SHADOW:
-                new = next(s for s in reversed(self.steps) if s.cause != other)
-                self.drop(other, new, less)
 
     def take(
         self, here: Fitted, found: Found, good: NDArray[np.int64], family: FloatArray
@@ -248,7 +235,7 @@ class _Search:
                 continue
             rivals = tuple(result.ids[j] for w, j, _ in tried if j != i and w > worth - NEEDED)
             self.accept(Step(id, float(family[i]), fitted, rivals))
-            self.prune()
+            prune(self)
             return True
         return bool(close)
 
@@ -337,65 +324,6 @@ class _Search:
             return None
         return fitted
 
-    def prune(self) -> None:
-        """Drop an earlier member that the newest one has made needless."""
-        new = self.steps[-1]
-        for id in self.causes[:-1]:
-            if CAUSES[id].has_elements and id not in self.safe:
-                self.tell(f"refit without {id}")
-                less = refit(self.space, _less(new.fitted.point, id), held=True)
-                needed = worth_needed(new.fitted, id)
-                if less.evidence < new.fitted.evidence - SAFE * needed:
-                    self.safe.add(id)
-                if less.evidence > new.fitted.evidence - needed:
-                    self.drop(id, new, less)
-                    new = self.steps[-1]
-        for id in self.causes[:-1]:
-            if self.of_a_law(new.fitted, id) is not None:
-                self.tell(f"refit without {id}")
-                self.drop(id, new, refit(self.space, _less(new.fitted.point, id), held=True))
-                new = self.steps[-1]
-        spare = needless(new.fitted, [c for c in self.causes if c != new.cause])
-        if spare is None:
-            return
-        self.tell(f"refit without {spare}")
-        less = refit(self.space, _less(new.fitted.point, spare))
-        if less.evidence >= new.fitted.evidence - NEEDED:
-            self.drop(spare, new, less)
-
-    def faint(self) -> None:
-        """Drop what cannot be told from nothing once everything else is allowed for."""
-        while self.causes:
-            settle(self.space, self.fitted.point)
-            found = certainties(self.space, self.fitted, self.causes)
-            id = min(found, key=lambda c: found[c])
-            if found[id] >= APART:
-                return
-            self.tell(f"refit without {id}")
-            less = refit(self.space, _less(self.fitted.point, id), held=True)
-            rest = [s for s in self.steps if s.cause != id]
-            if rest:
-                self.drop(id, rest[-1], less)
-            else:
-                self.steps, self.barred[id] = [], "cannot be told from nothing"
-
-    def clear(self) -> None:
-        """Drop what is hardly needed beside large effects whose laws are only assumed."""
-        if len(self.causes) < 2:
-            return
-        settle(self.space, self.fitted.point)
-        members = [c for c in self.causes if not CAUSES[c].has_elements]
-        found = strengths(self.space, self.fitted, members)
-        for id in sorted(members, key=lambda c: found[c]):
-            kinds = [CAUSES[c] for c in self.causes if c != id and found.get(c, 0.0) > found[id]]
-            if found[id] > WEAK or not any(issubclass(k, Cause) and k.law[0] for k in kinds):
-                continue
-            self.tell(f"refit without {id}")
-            less = refit(self.space, _less(self.fitted.point, id), held=True)
-            if less.evidence > self.fitted.evidence - SHADOW:
-                new = next(s for s in reversed(self.steps) if s.cause != id)
-                self.drop(id, new, less)
-
     def drop(self, id: str, new: Step, less: Fitted) -> None:
         """Take a member out for good; ``less`` is the model without it."""
         self.barred[id] = f"not needed beside {new.cause}"
@@ -414,7 +342,7 @@ class _Search:
         full, without = self.fitted, []
         for member in self.causes:
             self.tell(f"refit without {member}")
-            without.append((member, refit(self.space, _less(full.point, member), held=True)))
+            without.append((member, refit(self.space, less_point(full.point, member), held=True)))
         taken = 0
         for member, less in sorted(without, key=lambda m: -m[1].evidence):
             if taken == DETOURS:
@@ -454,11 +382,6 @@ class _Search:
             self.tell(f"refit up to {step.cause}")
             point = self.steps[-1].fitted.point
             for id in members[k + 1 :]:
-                point = _less(point, id)
+                point = less_point(point, id)
             out.append(replace(step, fitted=refit(self.space, point)))
         return [*out, self.steps[-1]]
-
-
-def _less(point: Point, cause: str) -> Point:
-    sizes = tuple(s for s in point.sizes if s[0] != cause)
-    return Point(point.model.without(cause), point.fixed, sizes)

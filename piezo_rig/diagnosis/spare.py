@@ -1,0 +1,99 @@
+"""What a ladder can spare: members that others have made needless, or that say nothing."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from piezo_rig.causes import CAUSES
+from piezo_rig.causes.cause import Cause
+from piezo_rig.diagnosis.confusion import APART, certainties, strengths
+from piezo_rig.diagnosis.fit import Point
+from piezo_rig.diagnosis.needed import needless, worth_needed
+from piezo_rig.diagnosis.refit import refit, settle
+
+if TYPE_CHECKING:
+    from piezo_rig.diagnosis.climb import Search
+
+NEEDED = 3.0  # log-likelihood that decides between models
+SAFE = 20.0  # times what a table must be worth: not looked at again
+WEAK, SHADOW = 10.0, 15.0  # d' and log-likelihood that leave an effect in doubt beside such laws
+
+
+def less_point(point: Point, cause: str) -> Point:
+    """The same point without a cause."""
+    sizes = tuple(s for s in point.sizes if s[0] != cause)
+    return Point(point.model.without(cause), point.fixed, sizes)
+
+
+def prune(search: Search) -> None:
+    """Drop an earlier member that the newest one has made needless."""
+    new = search.steps[-1]
+    for id in search.causes[:-1]:
+        if CAUSES[id].has_elements and id not in search.safe:
+            search.tell(f"refit without {id}")
+            less = refit(search.space, less_point(new.fitted.point, id), held=True)
+            needed = worth_needed(new.fitted, id)
+            if less.evidence < new.fitted.evidence - SAFE * needed:
+                search.safe.add(id)
+            if less.evidence > new.fitted.evidence - needed:
+                search.drop(id, new, less)
+                new = search.steps[-1]
+    for id in search.causes[:-1]:
+        if search.of_a_law(new.fitted, id) is not None:
+            search.tell(f"refit without {id}")
+            search.drop(id, new, refit(search.space, less_point(new.fitted.point, id), held=True))
+            new = search.steps[-1]
+    spare = needless(new.fitted, [c for c in search.causes if c != new.cause])
+    if spare is None:
+        return
+    search.tell(f"refit without {spare}")
+    less = refit(search.space, less_point(new.fitted.point, spare))
+    if less.evidence >= new.fitted.evidence - NEEDED:
+        search.drop(spare, new, less)
+
+
+def faint(search: Search) -> None:
+    """Drop what cannot be told from nothing once everything else is allowed for."""
+    while search.causes:
+        settle(search.space, search.fitted.point)
+        found = certainties(search.space, search.fitted, search.causes)
+        id = min(found, key=lambda c: found[c])
+        if found[id] >= APART:
+            return
+        search.tell(f"refit without {id}")
+        less = refit(search.space, less_point(search.fitted.point, id), held=True)
+        rest = [s for s in search.steps if s.cause != id]
+        if rest:
+            search.drop(id, rest[-1], less)
+        else:
+            search.steps, search.barred[id] = [], "cannot be told from nothing"
+
+
+def clear(search: Search) -> None:
+    """Drop what is hardly needed beside large effects whose laws are only assumed."""
+    if len(search.causes) < 2:
+        return
+    settle(search.space, search.fitted.point)
+    members = [c for c in search.causes if not CAUSES[c].has_elements]
+    found = strengths(search.space, search.fitted, members)
+    for id in sorted(members, key=lambda c: found[c]):
+        kinds = [CAUSES[c] for c in search.causes if c != id and found.get(c, 0.0) > found[id]]
+        if found[id] > WEAK or not any(issubclass(k, Cause) and k.law[0] for k in kinds):
+            continue
+        search.tell(f"refit without {id}")
+        less = refit(search.space, less_point(search.fitted.point, id), held=True)
+        if less.evidence > search.fitted.evidence - SHADOW:
+            new = next(s for s in reversed(search.steps) if s.cause != id)
+            search.drop(id, new, less)
+
+
+def stood_in(search: Search, id: str) -> None:
+    """Drop what only stood in for what the law of a member could not do."""
+    for other in search.causes:
+        if other == id or CAUSES[other].has_elements:
+            continue
+        search.tell(f"refit without {other}")
+        less = search.wholly(less_point(search.fitted.point, other))
+        if less.evidence > search.fitted.evidence - SHADOW:
+            new = next(s for s in reversed(search.steps) if s.cause != other)
+            search.drop(other, new, less)
