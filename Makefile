@@ -14,7 +14,7 @@ demo: $(READY)  ## play quick_look on the simulated bench: run, model, figures, 
 	$(BIN)/piezo-rig diagnose "$$run" --figure "$${run%.h5}_ladder.png" --report "$${run%.h5}.html"
 
 test: $(READY)  ## the test suite
-	$(BIN)/python -m pytest -n 2
+	$(BIN)/python -m pytest -n 2 --dist worksteal
 
 lint: $(READY)  ## style
 	$(BIN)/ruff check .
