@@ -112,8 +112,8 @@ def test_drift(diagnosed):
 
 
 def test_hum(diagnosed):
-    # a period fits 1575 times into the 31.5005 s from sweep to sweep, and 25 times into a cycle: the
-    # hum is nearly the same in all sweeps, and at a harmonic of the drive
+    # 25 periods a cycle, and 1575.03 from sweep to sweep: the
+    # hum is nearly the same in all sweeps, at a harmonic of the drive
     frequency = 50.0
     settings = f"frequency = {frequency}\namplitude = 4.0"
     finding = first(diagnosed({"mains_hum": settings}), "mains-hum")
