@@ -54,7 +54,11 @@ def find_line(groups: Groups, model: Model) -> Line | None:
         share[told] += row.share
         power[told] += own / row.share
         heard[told] += 1.0
-    chance = stats.chi2.sf(2.0 * score, 2.0 * share)
+    chance = np.ones(f.size)
+    told = heard > 0
+    chance[told] = stats.chi2.sf(2.0 * score[told], 2.0 * share[told])
     k = int(np.argmin(chance))
+    if not told[k]:
+        return None
     rms = float(np.sqrt(0.5 * power[k] / heard[k]))
     return Line(float(f[k]), 1e3 * rms, min(float(chance[k]) * f.size, 1.0))
