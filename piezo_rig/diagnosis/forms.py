@@ -153,8 +153,11 @@ def _tied(space: Space, fitted: Fitted, id: str) -> Fitted:
 
 
 def _at(space: Space, fitted: Fitted, id: str, **values: float) -> Fitted:
-    """Refitted with given parameters of a stage moved and held."""
+    """Refitted with parameters of a stage moved and held; as before if it cannot be played."""
     stage = fitted.point.model.stage(id)
     assert stage is not None
     moved = fitted.point.model.with_stage(stage.with_values(**values))
-    return refit(space, replace(fitted.point, model=moved), steps=1, held=True)
+    try:
+        return refit(space, replace(fitted.point, model=moved), steps=1, held=True)
+    except (InputError, np.linalg.LinAlgError):
+        return fitted

@@ -7,7 +7,7 @@ from scipy import stats
 
 from piezo_rig.causes import CAUSES
 from piezo_rig.diagnosis.fit import Point
-from piezo_rig.diagnosis.refit import Fitted, changed_um
+from piezo_rig.diagnosis.refit import Fitted, changed_um, playable
 from piezo_rig.diagnosis.space import Space
 
 SEEN = 2.0  # d' in white noise, with nothing else to explain it, below which nothing is seen
@@ -56,6 +56,9 @@ def does_nothing(space: Space, point: Point, id: str) -> bool:
         low, high = getattr(kind, "limits", {}).get(name, (-np.inf, np.inf))
         if not low < stage[name] < high:
             return True
+    less = point.model.without(id)
+    if not playable(space, less):  # the tables alone are no actuator: the member does much
+        return False
     samples = sum(g.repeats * (b - a) for g in space.groups.groups for a, b in g.blocks)
-    change = 1e3 * changed_um(space, point.model.without(id), point.model)
+    change = 1e3 * changed_um(space, less, point.model)
     return bool(change * np.sqrt(samples / space.groups.factor) < SEEN * space.noise_nm)

@@ -215,8 +215,11 @@ def laws_of(space: Space, model: Model) -> FloatArray:
     for stage in model.stages:
         if not isinstance(stage, Cause) or not stage.law[0]:
             continue
+        less = model.without(stage.id)
+        if not playable(space, less):
+            continue
         tags, share = stage.law
-        size = share * changed_um(space, model.without(stage.id), model)
+        size = share * changed_um(space, less, model)
         for k, tag in enumerate(space.tags):
             if tag in tags:
                 out[k] += size**2
