@@ -201,6 +201,7 @@ class Search:
             gained = fitted.evidence - here.evidence
             if gained > max(LOOSE, best) and self.worse(fitted, here) is None:
                 self.steps[-1] = replace(self.steps[-1], fitted=fitted)
+                self.rearranged = True  # the gain is that of the member, not of the latest rung
                 stood_in(self, id)
                 return True
         return False
