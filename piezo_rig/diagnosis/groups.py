@@ -21,7 +21,7 @@ from piezo_rig.identification.data import Data, Track
 from piezo_rig.run_file.sweep import Sweep
 
 FloatArray = NDArray[np.float64]
-ENOUGH = 20_000  # thinned samples in all
+ENOUGH = 65_000  # thinned samples in all
 SAME_DRIVE = 0.01  # rms difference, of the drive's range
 LOOKED_BACK = 3  # recordings
 SLOWEST = 450.0  # samples per second that thinning leaves at least, where there are as many

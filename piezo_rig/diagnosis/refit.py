@@ -184,6 +184,14 @@ def refit(space: Space, point: Point, steps: int = STEPS, held: bool = False) ->
     return Fitted(point, linear, covariance, scales, likelihood.evidence(used))
 
 
+def known_of(space: Space, point: Point) -> FloatArray:
+    """Variances (q,) with which these data know a model's stage parameters."""
+    settle(space, point)
+    linear = space.linear(point)
+    scales = _likelihood(point, linear)[0].best_scales(range(-len(point.sizes), 0))
+    return np.diag(parameter_step(point, linear, scales)[1])
+
+
 def settle(space: Space, point: Point) -> None:
     """Bring the columns of a space to a model, and what its assumed laws leave open."""
     space.first_rise, space.held = point.has_first_rise, bool(point.fixed)
