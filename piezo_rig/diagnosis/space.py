@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -115,6 +115,7 @@ class Linear:
         causes' assumed laws gives it, um^2
     made_for : which columns of the space they are about
     rows : per piece the whitened and the unwhitened base columns, for another residual
+    axes : of `likelihood.reduce`, which do not depend on the residual
     """
 
     layout: Layout
@@ -124,6 +125,7 @@ class Linear:
     law: FloatArray
     rows: tuple[tuple[FloatArray, FloatArray], ...] = ()
     made_for: Key = ()
+    axes: dict[Key, Any] = field(default_factory=dict)
 
 
 @dataclass(eq=False)
