@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
@@ -32,6 +33,13 @@ class Curve:
 
     knots_v: FloatArray
     compliance_um_per_v: FloatArray
+
+    @cached_property
+    def moved_um(self) -> FloatArray:
+        """Displacement at the beginning of the curve and at every knot, shape (n,)."""
+        moved = np.zeros(self.knots_v.size + 1)
+        np.cumsum(_steps(self.knots_v) * self.compliance_um_per_v[:-1], out=moved[1:])
+        return moved
 
     @classmethod
     def of(cls, elements: Elements) -> Curve:
@@ -82,7 +90,7 @@ class Reaching:
     closing: float = 0.0
     tapered: bool = False
 
-    @property
+    @cached_property
     def steps(self) -> list[tuple[float, float, float]]:
         """Stretches (from, to, share of the law) after the turning point, um."""
         if not self.tapered:
@@ -103,6 +111,12 @@ class Reaching:
     def last_um(self) -> float:
         """Displacement after the turning point at which the law ends."""
         return self.steps[-1][1]
+
+    def shares(self, ends_um: FloatArray) -> FloatArray:
+        """Share of the law in each of the bands with these ends that it reaches."""
+        _, to, share = np.array(self.steps).T
+        reached = ends_um[: np.searchsorted(ends_um, to[-1], side="right")]
+        return np.asarray(share[np.searchsorted(to, reached)])
 
     def taken_back(self, ends_um: FloatArray) -> NDArray[np.bool_]:
         """Of bands with these ends (e,), those on which what it adds is taken back."""
@@ -128,7 +142,7 @@ class Grid:
 
     @property
     def widths_um(self) -> FloatArray:
-        return np.diff(self.ends_um, prepend=0.0)
+        return _steps(self.ends_um)
 
 
 @dataclass(frozen=True, eq=False)
@@ -193,17 +207,16 @@ class Branches:
         if not self.reaching:
             return Bands((self.first_break_um * first)[:, None], first[:, None], self.rest)
         grid = self.grid()
-        early, widths = grid.ends_um, grid.widths_um
+        ends, widths = grid.ends_um, grid.widths_um
         # bands before half loops, so that a law meets rows of half loops
         slopes = np.where(grid.of_first[:, None], first, grid.slopes_v_per_um[:, None])
         for r in self.reaching:
-            added = np.zeros(len(loops))
-            for begin, end, share in r.steps:
-                here = slice(*np.searchsorted(early, [begin, end], side="right"))
-                change = share * (r.law(slopes[here], loops) - slopes[here])
-                added += widths[here] @ change
-                slopes[here] += change
-            slopes[r.taken_back(early)] -= r.closing / r.last_um * added
+            shares = r.shares(ends)
+            here = slice(shares.size)
+            change = shares[:, None] * (r.law(slopes[here], loops) - slopes[here])
+            slopes[here] += change
+            if r.closing:
+                slopes[r.taken_back(ends)] -= r.closing / r.last_um * (widths[here] @ change)
         slopes = np.ascontiguousarray(slopes.T)
         if checked:
             _positive(slopes.min(axis=1), loops)
@@ -212,10 +225,7 @@ class Branches:
 
     def grid(self) -> Grid:
         """The bands that laws with a reach make of a later branch; the same for all half loops."""
-        volts = np.diff(self.rest.knots_v, prepend=0.0)
-        ends = self.first_break_um + np.cumsum(
-            np.append(0.0, volts * self.rest.compliance_um_per_v[: volts.size])
-        )
+        ends = self.first_break_um + self.rest.moved_um
         later = 1.0 / self.rest.compliance_um_per_v
         reaches = [b for r in self.reaching for b in r.breaks]
         breaks = np.unique(np.concatenate([ends, reaches]))
@@ -228,10 +238,10 @@ class Branches:
         elif ends[0] < np.inf:
             left = ends[ends > early[-1]]
             springs = later[np.searchsorted(ends, early[-1], side="right") - 1 :]
-            steps = springs[: left.size] * np.diff(left, prepend=early[-1])
+            steps = springs[: left.size] * _steps(left, early[-1])
             rest = Curve(np.cumsum(steps), 1.0 / springs)
         # slope of each early band before any spring is added; its middle says which one it was
-        middle = early - 0.5 * np.diff(early, prepend=0.0)
+        middle = early - 0.5 * _steps(early)
         which = np.searchsorted(ends, middle)
         return Grid(early, which == 0, np.append(np.nan, later)[which], rest)
 
@@ -276,6 +286,14 @@ class Branches:
             out,
         )
         return out
+
+
+def _steps(ends: FloatArray, begin: float = 0.0) -> FloatArray:
+    """Widths (n,) of what ends there, one after the other."""
+    steps = ends.copy()
+    steps[1:] -= ends[:-1]
+    steps[:1] -= begin
+    return steps
 
 
 def _positive(slopes: FloatArray, loops: HalfLoops) -> None:
