@@ -11,6 +11,8 @@ import math
 import numba
 import numpy as np
 
+SAME_STEP = 1e-9  # relative: times are rounded, and an exponential for each costs more than the rest
+
 
 @numba.njit(cache=True, nogil=True)
 def off(time, x, tau):
@@ -20,7 +22,7 @@ def off(time, x, tau):
     """
     out = np.zeros(x.size)
     d = 0.0
-    known = -1.0
+    known = 0.0
     decay = hold = 0.0
     for n in range(1, x.size):
         step = time[n] - time[n - 1]
@@ -28,7 +30,7 @@ def off(time, x, tau):
             d -= x[n] - x[n - 1]
             out[n] = d
             continue
-        if step != known:
+        if abs(step - known) > SAME_STEP * known:
             known = step
             decay = math.exp(-step / tau)
             hold = -math.expm1(-step / tau) * tau / step
@@ -49,12 +51,12 @@ def relaxations(time, x, taus, out):
     count = taus.size
     q = np.zeros(count)
     decay = np.ones(count)
-    known = -1.0
+    known = 0.0
     out[0] = 0.0
     for n in range(1, x.size):
         step = time[n] - time[n - 1]
         if step > 0.0:
-            if step != known:
+            if abs(step - known) > SAME_STEP * known:
                 known = step
                 for k in range(count):
                     decay[k] = math.exp(-step / taus[k])
@@ -75,13 +77,13 @@ def relaxed_rows(time, rows, taus, weights):
     x = np.ascontiguousarray(rows.T)
     out = np.zeros((n, k))
     q = np.zeros((taus.size, k))
-    known = -1.0
+    known = 0.0
     decay = np.zeros(taus.size)
     hold = np.zeros(taus.size)
     for i in range(1, n):
         step = time[i] - time[i - 1]
         if step > 0.0:
-            if step != known:
+            if abs(step - known) > SAME_STEP * known:
                 known = step
                 for j in range(taus.size):
                     decay[j] = math.exp(-step / taus[j])
