@@ -29,43 +29,64 @@ BASE_CUT = 1e-11  # eigenvalues of the scaled base Gram below this are not direc
 KEEP = 1e-9
 GRID = np.concatenate([[0.0], 7.0 ** np.arange(-1.0, 6.0)])  # of variance, in units below
 Cell = tuple[int, int]  # of the grid of both scales
-CELLS = tuple((i, j) for i in range(GRID.size) for j in range(GRID.size))
-LATTICE = tuple((i, j) for i in range(0, GRID.size, 3) for j in range(0, GRID.size, 3))
+STARTS = (0, 4)  # scales of the fine thresholds that a climb looks at first
 SAME = 1e-4  # of the largest singular value: columns that only repeat others
+
+
+class Row(NamedTuple):
+    """The covariance at one scale of the fine thresholds and none of the dictionary.
+
+    ``lower`` (m, m) its Cholesky factor, ``log_det`` of it; ``turned`` (u, m) the dictionary's
+    principal directions whitened by it, with their squared lengths ``square`` (u,)
+    """
+
+    lower: FloatArray
+    log_det: float
+    turned: FloatArray
+    square: FloatArray
 
 
 class Covariance:
     """Noise, fine thresholds, dictionary and assumed laws together, as the two scales say.
 
-    Factors are made when they are asked for, and kept.
+    One Cholesky factor per scale of the fine thresholds serves all scales of the dictionary: in
+    its principal directions that only adds to a diagonal. They are kept.
     """
 
     def __init__(self, fine: FloatArray, generic: FloatArray, law: FloatArray) -> None:
-        self._fine, self._generic = fine @ fine.T, generic @ generic.T
+        self._fine, self._generic = fine @ fine.T, generic
         self._rest = np.eye(fine.shape[0]) + law @ law.T
-        self._factors: dict[tuple[float, float], tuple[FloatArray, float] | None] = {}
+        self._rows: dict[float, Row | None] = {}
 
     def of(self, scales: tuple[float, float]) -> FloatArray:
         """Shape (m, m)."""
         out = scales[0] * self._fine
-        out += scales[1] * self._generic
         out += self._rest
+        if scales[1]:
+            out += scales[1] * (self._generic @ self._generic.T)
         return out
 
-    def factor(self, scales: tuple[float, float]) -> tuple[FloatArray, float] | None:
-        """Lower Cholesky factor (m, m) and the log of the determinant.
+    def factor(self, scales: tuple[float, float]) -> FloatArray | None:
+        """Lower Cholesky factor (m, m); None where rounding decides whether there is one."""
+        lower, bad = lapack.dpotrf(self.of(scales).T, lower=1, overwrite_a=1)
+        return lower if bad == 0 else None
 
-        None where the scales are so far apart that rounding decides.
-        """
-        if scales not in self._factors:
-            lower, bad = lapack.dpotrf(self.of(scales).T, lower=1, overwrite_a=1)
-            found = (lower, 2.0 * float(np.sum(np.log(np.diag(lower))))) if bad == 0 else None
-            self._factors[scales] = found
-        return self._factors[scales]
+    def row(self, scale: float) -> Row | None:
+        """For a scale of the fine thresholds; None where rounding decides."""
+        if scale not in self._rows:
+            lower = self.factor((scale, 0.0))
+            self._rows[scale] = None if lower is None else self._row(lower)
+        return self._rows[scale]
+
+    def _row(self, lower: FloatArray) -> Row:
+        white, _ = lapack.dtrtrs(lower, self._generic, lower=1)
+        square, vector = np.linalg.eigh(white.T @ white)
+        log_det = 2.0 * float(np.sum(np.log(np.diag(lower))))
+        return Row(lower, log_det, vector.T @ white.T, np.maximum(square, 0.0))
 
     def forget(self) -> None:
-        """Let go of all factors."""
-        self._factors.clear()
+        """Let go of what is kept."""
+        self._rows.clear()
 
 
 @dataclass(frozen=True, eq=False)
@@ -220,26 +241,43 @@ class Seen(NamedTuple):
 class Likelihood:
     """The likelihood on a grid of scales, for one reduced problem.
 
-    A profile that is only wanted for the residual itself is climbed; a score takes all of the grid.
+    Where the residual alone is asked for, the grid is climbed; a score takes all of it.
     """
 
     def __init__(self, reduced: Reduced) -> None:
         self.reduced = reduced
-        self._known: dict[Cell, Seen | None] = {}
+        self._known: dict[int, list[Seen]] = {}
 
     def _scales(self, cell: Cell) -> tuple[float, float]:
         units = self.reduced.unit_fine, self.reduced.unit_generic
         return float(GRID[cell[0]] * units[0]), float(GRID[cell[1]] * units[1])
 
-    def _seen(self, cell: Cell, y: FloatArray) -> Seen | None:
-        """Data (m, k) and all trial columns at one pair of scales; None where there is no factor."""
-        factor = self.reduced.covariance.factor(self._scales(cell))
-        if factor is None:
-            return None
-        both = np.asfortranarray(np.concatenate([y, self.reduced.trials], axis=1))
-        white, _ = lapack.dtrtrs(factor[0], both, lower=1, overwrite_b=1)
-        w, t = white[:, : y.shape[1]], white[:, y.shape[1] :]
-        return Seen(-0.5 * (np.sum(w * w, axis=0) + factor[1]), t.T @ t, t.T @ w)
+    def _seen(self, i: int, y: FloatArray) -> list[Seen]:
+        """Data (m, k) and all trials at a scale of the fine thresholds and each of the dictionary.
+
+        Empty where rounding decides.
+        """
+        row = self.reduced.covariance.row(self._scales((i, 0))[0])
+        if row is None:
+            return []
+        k, out = y.shape[1], []
+        both = np.empty((y.shape[0], k + self.reduced.trials.shape[1]), order="F")
+        both[:, :k], both[:, k:] = y, self.reduced.trials
+        white, _ = lapack.dtrtrs(row.lower, both, lower=1, overwrite_b=1)
+        w, t = white[:, :k], white[:, k:]
+        square, gram, along = np.sum(w * w, axis=0), t.T @ t, t.T @ w
+        parts = row.turned @ white
+        w, t = parts[:, :k], parts[:, k:]
+        for j in range(GRID.size):
+            scale = self._scales((i, j))[1]
+            share = scale / (1.0 + scale * row.square)
+            weighed = share[:, None] * t
+            log_det = row.log_det + float(np.sum(np.log1p(scale * row.square)))
+            out.append(Seen(
+                -0.5 * (square - share @ (w * w) + log_det),
+                gram - t.T @ weighed, along - weighed.T @ w,
+            ))  # fmt: skip
+        return out
 
     def score(
         self,
@@ -258,14 +296,12 @@ class Likelihood:
         best_null = np.full(y.shape[1], -np.inf)
         best = np.full((len(hypotheses), y.shape[1]), -np.inf)
         where = np.zeros((len(hypotheses), 2), int)
-        for cell in CELLS:
-            seen = self._seen(cell, y)
-            if seen is None:
-                continue
-            best_null = np.maximum(best_null, seen.plain)
-            value = seen.plain + 0.5 * _gained(seen, hypotheses)
-            where[value[:, 0] > best[:, 0]] = cell
-            best = np.maximum(best, value)
+        for i in range(GRID.size):
+            for j, seen in enumerate(self._seen(i, y)):
+                best_null = np.maximum(best_null, seen.plain)
+                value = seen.plain + 0.5 * _gained(seen, hypotheses)
+                where[value[:, 0] > best[:, 0]] = i, j
+                best = np.maximum(best, value)
         owner = np.asarray(owners, int)
         causes = int(owner.max()) + 1
         ratio = np.full((causes, y.shape[1]), -np.inf)
@@ -284,18 +320,16 @@ class Likelihood:
 
     def score_generic(self, rng: np.random.Generator, nulls: int = NULLS) -> tuple[float, float]:
         """Log-likelihood ratio of the dictionary's scale against 0, and its p-value."""
-        none = [cell for cell in CELLS if cell[1] == 0]
-        k = none[int(np.argmax([self._value(cell) for cell in none]))]
+        rows = range(GRID.size)
+        k = max(rows, key=lambda i: self._values(i)[0]), 0
         y = np.concatenate([self.reduced.z[:, None], self._drawn(k, rng, nulls)], axis=1)
         null = np.full(y.shape[1], -np.inf)
         full = np.full(y.shape[1], -np.inf)
-        for cell in CELLS:
-            seen = self._seen(cell, y)
-            if seen is None:
-                continue
-            full = np.maximum(full, seen.plain)
-            if cell[1] == 0:
-                null = np.maximum(null, seen.plain)
+        for i in rows:
+            for j, seen in enumerate(self._seen(i, y)):
+                full = np.maximum(full, seen.plain)
+                if j == 0:
+                    null = np.maximum(null, seen.plain)
         ratio = full - null
         return float(ratio[0]), tail(float(ratio[0]), ratio[1:])
 
@@ -303,11 +337,12 @@ class Likelihood:
         """Residuals (m, count) such as a pair of scales makes expect."""
         factor = self.reduced.covariance.factor(self._scales(cell))
         assert factor is not None
-        return np.asarray(factor[0] @ rng.standard_normal((self.reduced.z.size, count)))
+        return np.asarray(factor @ rng.standard_normal((self.reduced.z.size, count)))
 
     def evidence(self, columns: Sequence[int] = ()) -> float:
         """Log of the likelihood of all data with some trial columns free, scales profiled."""
-        return self._value(self.summit(columns), columns) - 0.5 * self.reduced.extra
+        i, j = self.summit(columns)
+        return self._values(i, columns)[j] - 0.5 * self.reduced.extra
 
     def best_scales(self, columns: Sequence[int] = ()) -> tuple[float, float]:
         """Profiled scales with some trial columns free."""
@@ -316,25 +351,31 @@ class Likelihood:
     def summit(self, columns: Sequence[int] = ()) -> Cell:
         """Where on the grid the likelihood of the residual is largest, with some columns free.
 
-        Climbed from the best of a coarse lattice: a summit at 0 and one at a large scale are
-        both on it, or beside it.
+        Climbed over the scale of the fine thresholds, with that of the dictionary profiled.
         """
-        at = max(LATTICE, key=lambda cell: self._value(cell, columns))
-        while True:
-            beside = [(at[0] + i, at[1] + j) for i, j in ((0, 0), (0, 1), (1, 0), (0, -1), (-1, 0))]
-            best = max((c for c in beside if c in CELLS), key=lambda c: self._value(c, columns))
-            if best == at:
-                return at
-            at = best
+        values: dict[int, list[float]] = {}
 
-    def _value(self, cell: Cell, columns: Sequence[int] = ()) -> float:
-        """Log-likelihood of the residual at one pair of scales, but for `Reduced.extra`."""
-        if cell not in self._known:
-            self._known[cell] = self._seen(cell, self.reduced.z[:, None])
-        seen = self._known[cell]
-        if seen is None:
-            return -np.inf
-        return float(seen.plain[0] + 0.5 * _gained(seen, [columns])[0, 0])
+        def best(i: int) -> float:
+            if i not in values:
+                values[i] = self._values(i, columns)
+            return max(values[i])
+
+        at = max(STARTS, key=best)
+        while True:
+            beside = [i for i in (at, at - 1, at + 1) if 0 <= i < GRID.size]
+            up = max(beside, key=best)
+            if up == at:
+                return at, int(np.argmax(values[at]))
+            at = up
+
+    def _values(self, i: int, columns: Sequence[int] = ()) -> list[float]:
+        """Log-likelihood of the residual along the grid, but for `Reduced.extra`."""
+        if i not in self._known:
+            self._known[i] = self._seen(i, self.reduced.z[:, None])
+        seen = self._known[i]
+        if not seen:
+            return [-np.inf] * GRID.size
+        return [float(s.plain[0] + 0.5 * _gained(s, [columns])[0, 0]) for s in seen]
 
 
 def _gained(seen: Seen, hypotheses: Sequence[Sequence[int]]) -> FloatArray:

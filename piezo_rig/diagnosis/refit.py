@@ -136,7 +136,7 @@ def _information(
     if factor is None:
         raise np.linalg.LinAlgError("the covariance has no factor")
     both = np.column_stack([columns, reduced.z])
-    solved, _ = lapack.dpotrs(factor[0], both, lower=1)
+    solved, _ = lapack.dpotrs(factor, both, lower=1)
     return columns.T @ solved[:, :-1], columns.T @ solved[:, -1]
 
 

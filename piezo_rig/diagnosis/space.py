@@ -197,7 +197,7 @@ class Space:
                 generic = self.generic[at]
                 white, raw = self._kept(moved[:, piece.begin : piece.end], group)
                 cross = white @ generic.white.T
-                gram = np.block([[white @ white.T, cross], [cross.T, generic.gram]])
+                gram = _joined(white @ white.T, cross, generic.gram)
                 made.append((moved.shape[0] - plays.shape[0], Fixed(
                     np.concatenate([white, generic.white]), gram,
                     np.concatenate([raw, generic.raw]),
@@ -249,9 +249,11 @@ class Space:
 
     def whiten(self, rows: FloatArray, weight: float) -> FloatArray:
         """Whitened rows with the piece's offset projected out."""
-        one = self.whitener(np.ones(rows.shape[1]))
+        one = self.whitener.ones(rows.shape[1])
         white = self.whitener(rows)
-        return weight * (white - np.outer(white @ one, one) / float(one @ one))
+        white -= np.outer(white @ one / float(one @ one), one)
+        white *= weight
+        return white
 
     def linear(self, point: Point, trials: Sequence[tuple[Model, Model]] = ()) -> Linear:
         """Gram matrices about a point.
@@ -294,14 +296,14 @@ class Space:
             k = len(base.white)
             white = self.whiten(cut, np.sqrt(group.repeats))
             known = base.white @ white.T
-            gram = np.block([[base.gram, known], [known.T, white @ white.T]])
+            gram = _joined(base.gram, known, white @ white.T)
             cross = np.concatenate([base.cross, white @ fixed.white.T])
             own = np.concatenate([cut[: p - k], cut[-1:]])
             own = own - own.mean(axis=1, keepdims=True)
             known = base.raw @ own.T
             out.append(_Row(
                 _assembled(gram, cross, fixed.gram, p, len(trials)),
-                group.repeats * np.block([[base.raw_gram, known], [known.T, own @ own.T]]),
+                group.repeats * _joined(base.raw_gram, known, own @ own.T),
                 float(group.repeats * cut.shape[1]),
                 (np.concatenate([base.white, white[: p - k]]),
                  np.concatenate([base.raw, own[:-1]])),
@@ -447,10 +449,18 @@ def _assembled(own: FloatArray, cross: FloatArray, fixed: FloatArray, p: int, t:
     """Columns in the order base, fixed, trials, residual."""
     m = fixed.shape[0]
     out = np.empty((p + m + t + 1, p + m + t + 1))
-    mine = np.concatenate([np.arange(p), np.arange(p + m, p + m + t + 1)])
-    theirs = np.arange(p, p + m)
-    out[np.ix_(mine, mine)] = own
-    out[np.ix_(mine, theirs)] = cross
-    out[np.ix_(theirs, mine)] = cross.T
-    out[np.ix_(theirs, theirs)] = fixed
+    base, theirs, rest = slice(0, p), slice(p, p + m), slice(p + m, None)
+    for mine, here in ((base, slice(0, p)), (rest, slice(p, None))):
+        out[mine, base], out[mine, rest] = own[here, :p], own[here, p:]
+        out[mine, theirs] = cross[here]
+        out[theirs, mine] = cross[here].T
+    out[theirs, theirs] = fixed
+    return out
+
+
+def _joined(first: FloatArray, cross: FloatArray, second: FloatArray) -> FloatArray:
+    """Gram matrix of two sets of columns together, from theirs and their products (a, b)."""
+    a = first.shape[0]
+    out = np.empty((a + second.shape[0], a + second.shape[0]))
+    out[:a, :a], out[:a, a:], out[a:, :a], out[a:, a:] = first, cross, cross.T, second
     return out
