@@ -24,6 +24,7 @@ from piezo_rig.diagnosis.noise import Whitener
 
 FloatArray = NDArray[np.float64]
 MOST_KNOWN, MOST_BANDS = 4, 6  # kept
+MOST_GIVEN = 4  # of every group
 NEAR = 0.15  # columns of a model whose numbers are this near serve as well
 THREADS = 2
 Key = tuple[object, ...]
@@ -149,6 +150,7 @@ class Space:
     _known: dict[Key, tuple[Model, list[Fixed], tuple[int, int, int]]] = field(default_factory=dict)
     _bands: dict[Key, list[Bands]] = field(default_factory=dict)
     _made_for: Key = ()
+    _of_given: dict[Key, Any] = field(default_factory=dict)
 
     @property
     def noise_nm(self) -> float:
@@ -183,13 +185,12 @@ class Space:
 
         def of(index: int) -> list[tuple[int, Fixed]]:
             group, made = self.groups.groups[index], []
-            plays = dictionary.fine(every[index], self.scales, self.first_rise)
+            powers, plays = self._of_drive(index, every[index])
             if tight:
-                columns = np.concatenate([left[index], self.groups.thinned(group, plays)])
+                columns = np.concatenate([left[index], plays])
             else:
-                powers = dictionary.powers(every[index], self.scales)
                 smooth = dictionary.smooth(plays, self.scales, self.first_rise)
-                columns = self.groups.thinned(group, np.concatenate([powers, smooth, plays]))
+                columns = np.concatenate([powers, smooth, plays])
             moved = self._carried(model, group, columns)
             for at, piece in enumerate(self.pieces):
                 if piece.group != index:
@@ -210,6 +211,39 @@ class Space:
         fine = self.fixed[0].white.shape[0] - bends - len(self.tags) if found else 0
         self.counts = (bends, fine, len(self.tags))
         self._known[key] = (model, self.fixed, self.counts)
+
+    def _of_drive(self, index: int, driven: Group) -> tuple[FloatArray, FloatArray]:
+        """Powers and fine thresholds of a group's drive as it is delivered, thinned."""
+
+        def made() -> tuple[FloatArray, FloatArray]:
+            plays = dictionary.fine(driven, self.scales, self.first_rise)
+            powers = dictionary.powers(driven, self.scales)
+            return self.groups.thinned(driven, powers), self.groups.thinned(driven, plays)
+
+        if driven is not self.groups.groups[index]:
+            return made()
+        return self._kept_of(("drive", index, self.first_rise), made)
+
+    def _bare_bands(self, index: int, model: Model, tables: Key) -> FloatArray:
+        """Thinned displacement of the bands of all tables before any stage acts on it."""
+        group = self.groups.groups[index]
+
+        def made() -> FloatArray:
+            return self.groups.thinned(group, basis.bands(model, group))
+
+        if any(s.place == "drive" for s in model.stages):
+            return made()
+        return self._kept_of(("bands", index, tables, model.branches().keeps_ties), made)
+
+    def _kept_of(self, key: Key, make: Callable[[], Made]) -> Made:
+        """What is known of the given drives by a key, else what ``make`` makes."""
+        if key not in self._of_given:
+            made = make()
+            while len(self._of_given) >= MOST_GIVEN * len(self.groups.groups):
+                self._of_given.pop(next(iter(self._of_given)))
+            self._of_given[key] = made
+        found: Made = self._of_given[key]
+        return found
 
     def about(self, point: Point, linear: Linear) -> Linear:
         """Gram matrices about a point: those of a point near by, if of the same columns."""
@@ -359,13 +393,14 @@ class Space:
         if not point.tables:
             return [_no_bands(p.end - p.begin, len(f.white))
                     for p, f in zip(self.pieces, self.fixed, strict=True)]  # fmt: skip
-        tables = [s.elements.knots_v.round(9).tobytes() for s in point.tables if s.elements]
-        key = (self._made_for, *tables)
+        own = tuple(s.elements.knots_v.round(9).tobytes() for s in point.tables if s.elements)
+        key = (self._made_for, *own)
         if key in self._bands:
             return self._bands[key]
         while len(self._bands) >= MOST_BANDS:
             self._bands.pop(next(iter(self._bands)))
         model = _with_tables(self._prepared, point.model)
+        tables = tuple(s.elements.knots_v.round(9).tobytes() for s in model.stages if s.elements)
         mine = np.concatenate([
             np.full(len(s.elements), s.id not in point.fixed)
             for s in model.stages if s.elements is not None
@@ -373,8 +408,8 @@ class Space:
 
         def of(index: int) -> list[Bands]:
             group, made = self.groups.groups[index], []
-            free = basis.bands(model, group)[mine]
-            moved = self._carried(model, group, self.groups.thinned(group, free))
+            free = self._bare_bands(index, model, tables)[mine]
+            moved = self._carried(model, group, free)
             for at, piece in enumerate(self.pieces):
                 if piece.group != index:
                     continue
