@@ -12,7 +12,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +21,10 @@ from piezo_rig.chain.half_loops import HalfLoops, half_loops
 from piezo_rig.errors import InputError
 
 FloatArray = NDArray[np.float64]
-TAPER = 6
+TAPER = 6  # steps in which a law fades out
+TAPER_ENDS = 2.0 * np.arange(1, TAPER + 1) / TAPER  # of its reach
+TAPER_SHARES = 1.0 - (np.arange(TAPER) + 0.5) / TAPER
+ONE = np.ones(1)
 Law = Callable[[FloatArray, HalfLoops], FloatArray]
 """Slopes (..., m) V/um before the law, and the half loops -> slopes (..., m) after it."""
 
@@ -91,32 +93,36 @@ class Reaching:
     tapered: bool = False
 
     @cached_property
-    def steps(self) -> list[tuple[float, float, float]]:
-        """Stretches (from, to, share of the law) after the turning point, um."""
-        if not self.tapered:
-            return [(0.0, self.reach_um, 1.0)]
-        edges = 2.0 * self.reach_um * np.arange(TAPER + 1) / TAPER
-        return [
-            (float(a), float(b), 1.0 - (k + 0.5) / TAPER)
-            for k, (a, b) in enumerate(pairwise(edges))
-        ]
+    def _ends_um(self) -> FloatArray:
+        """Where each of its steps ends, shape (s,)."""
+        return self.reach_um * (TAPER_ENDS if self.tapered else ONE)
 
     @property
-    def breaks(self) -> list[float]:
-        """Displacements at which slopes change because of it, um."""
-        ends = [b for _, b, _ in self.steps]
-        return [*ends, 2.0 * ends[-1]] if self.closing else ends
+    def _step_shares(self) -> FloatArray:
+        """Share of the law on each step, shape (s,)."""
+        return TAPER_SHARES if self.tapered else ONE
+
+    @property
+    def steps(self) -> list[tuple[float, float, float]]:
+        """Stretches (from, to, share of the law) after the turning point, um."""
+        ends = [0.0, *self._ends_um.tolist()]
+        return list(zip(ends[:-1], ends[1:], self._step_shares.tolist(), strict=True))
+
+    @property
+    def breaks(self) -> FloatArray:
+        """Displacements at which slopes change because of it, um, shape (b,)."""
+        return np.append(self._ends_um, 2.0 * self.last_um) if self.closing else self._ends_um
 
     @property
     def last_um(self) -> float:
         """Displacement after the turning point at which the law ends."""
-        return self.steps[-1][1]
+        return float(self._ends_um[-1])
 
     def shares(self, ends_um: FloatArray) -> FloatArray:
         """Share of the law in each of the bands with these ends that it reaches."""
-        _, to, share = np.array(self.steps).T
+        to = self._ends_um
         reached = ends_um[: np.searchsorted(ends_um, to[-1], side="right")]
-        return np.asarray(share[np.searchsorted(to, reached)])
+        return np.asarray(self._step_shares[np.searchsorted(to, reached)])
 
     def taken_back(self, ends_um: FloatArray) -> NDArray[np.bool_]:
         """Of bands with these ends (e,), those on which what it adds is taken back."""
@@ -227,9 +233,9 @@ class Branches:
         """The bands that laws with a reach make of a later branch; the same for all half loops."""
         ends = self.first_break_um + self.rest.moved_um
         later = 1.0 / self.rest.compliance_um_per_v
-        reaches = [b for r in self.reaching for b in r.breaks]
+        reaches = np.concatenate([r.breaks for r in self.reaching])
         breaks = np.unique(np.concatenate([ends, reaches]))
-        early = breaks[breaks <= max(reaches)]
+        early = breaks[breaks <= reaches.max()]
         rest: Curve | None = None
         if early[-1] < ends[0] < np.inf:
             # inside the first element: the rest of it is one more band, also by its law

@@ -135,11 +135,11 @@ class Axes:
     axes: FloatArray
     reduced: Reduced
 
-    def with_residual(self, gram: FloatArray) -> Reduced:
-        """The residual of a Gram matrix (c, c) reduced as well."""
-        followed = self.off @ gram[self.base, -1]
-        z = self.axes @ (gram[self.rest, -1] - self.cross.T @ followed)
-        extra = float(gram[-1, -1] - followed @ followed - z @ z)
+    def with_residual(self, residual: FloatArray) -> Reduced:
+        """The residual reduced as well, from its products (c + 1,) as `Linear` has them."""
+        followed = self.off @ residual[self.base]
+        z = self.axes @ (residual[self.rest] - self.cross.T @ followed)
+        extra = float(residual[-1] - followed @ followed - z @ z)
         return replace(self.reduced, z=z, extra=max(extra, 0.0))
 
 
@@ -153,12 +153,12 @@ def reduce(
     pieces : which pieces' Gram matrices to use; all by default
     free : base columns that are NOT projected off but handed on behind the trials
     """
-    gram = (linear.white if pieces is None else linear.white[list(pieces)]).sum(axis=0)
+    used = slice(None) if pieces is None else list(pieces)
     key = (None if pieces is None else tuple(pieces), tuple(free))
     if key not in linear.axes:
-        linear.axes[key] = _axes(linear, gram, free)
+        linear.axes[key] = _axes(linear, linear.white[used].sum(axis=0), free)
     axes: Axes = linear.axes[key]
-    return axes.with_residual(gram)
+    return axes.with_residual(linear.residual[used].sum(axis=0))
 
 
 def _axes(linear: Linear, gram: FloatArray, free: Sequence[int]) -> Axes:
@@ -375,28 +375,36 @@ class Likelihood:
         seen = self._known[i]
         if not seen:
             return [-np.inf] * GRID.size
-        return [float(s.plain[0] + 0.5 * _gained(s, [columns])[0, 0]) for s in seen]
+        plain = np.array([s.plain[0] for s in seen])
+        if len(columns):
+            k = np.array(columns)
+            gram = np.array([s.gram[k[:, None], k] for s in seen])
+            plain = plain + 0.5 * _followed(gram, np.array([s.along[k] for s in seen]))[:, 0]
+        return [float(value) for value in plain]
 
 
 def _gained(seen: Seen, hypotheses: Sequence[Sequence[int]]) -> FloatArray:
     """Squared length (h, k) of the data's part along the columns of every hypothesis."""
-    size = np.sqrt(np.diag(seen.gram))
-    unit = 1.0 / np.where(size > 0, size, 1.0)
-    gram, along = seen.gram * np.outer(unit, unit), seen.along * unit[:, None]
     out = np.zeros((len(hypotheses), seen.plain.size))
     lengths = np.array([len(h) for h in hypotheses])
     for n in set(lengths.tolist()) - {0}:
         where = np.flatnonzero(lengths == n)
         of = np.array([list(hypotheses[h]) for h in where])
-        if n == 1:
-            out[where] = along[of[:, 0]] ** 2
-            continue
-        value, vector = np.linalg.eigh(gram[of[:, :, None], of[:, None, :]])
-        good = value > SAME**2 * value[:, -1:]
-        share = np.where(good, 1.0 / np.where(good, value, 1.0), 0.0)
-        parts = vector.transpose(0, 2, 1) @ along[of]
-        out[where] = np.sum(share[:, :, None] * parts**2, axis=1)
+        out[where] = _followed(seen.gram[of[:, :, None], of[:, None, :]], seen.along[of])
     return out
+
+
+def _followed(gram: FloatArray, along: FloatArray) -> FloatArray:
+    """Squared lengths (h, k) from Gram matrices (h, n, n) and products (h, n, k)."""
+    size = np.sqrt(np.diagonal(gram, axis1=1, axis2=2))
+    unit = 1.0 / np.where(size > 0, size, 1.0)
+    along = along * unit[:, :, None]
+    if gram.shape[1] == 1:
+        return np.asarray(along[:, 0] ** 2)
+    value, vector = np.linalg.eigh(gram * unit[:, :, None] * unit[:, None, :])
+    good = value > SAME**2 * value[:, -1:]
+    share = np.where(good, 1.0 / np.where(good, value, 1.0), 0.0)
+    return np.asarray(np.sum(share[:, :, None] * (vector.transpose(0, 2, 1) @ along) ** 2, axis=1))
 
 
 def tail(value: float, nulls: FloatArray) -> float:

@@ -71,7 +71,7 @@ class Bands:
 
 @dataclass(frozen=True, eq=False)
 class Layout:
-    """Where which columns are: base, powers, fine, generic, trials, residual.
+    """Where which columns are: base, powers, fine, generic, trials.
 
     ``twice`` : how many of the powers the base holds already, as coefficients of a bend. Projected
     off once more they would take along what rounding makes of them.
@@ -91,13 +91,14 @@ class Layout:
             if key == name:
                 return slice(at, at + n)
             at += n
-        return slice(at, at + 1)  # residual
+        raise KeyError(name)
 
 
 class _Row(NamedTuple):
     """Of one piece: what `Linear` holds of all."""
 
     white: FloatArray
+    residual: FloatArray
     raw: FloatArray
     weight: float
     rows: tuple[FloatArray, FloatArray]
@@ -109,7 +110,8 @@ class Linear:
 
     Attributes
     ----------
-    white : shape (k, c, c), columns as `Layout` says, last the residual
+    white : shape (k, c, c), columns as `Layout` says
+    residual : shape (k, c + 1), its products with the columns, and with itself
     raw : shape (k, p + 1, p + 1), unwhitened base columns and residual, um^2 summed over samples
     count : shape (k,), recordings x thinned samples
     law : shape (generic,), variance of each dictionary column that the freedom of the accepted
@@ -121,6 +123,7 @@ class Linear:
 
     layout: Layout
     white: FloatArray
+    residual: FloatArray
     raw: FloatArray
     count: FloatArray
     law: FloatArray
@@ -307,7 +310,8 @@ class Space:
         found = self._each_group(about)
         law = self.law if self.law.size else np.zeros(self.counts[2])
         return Linear(
-            layout, np.array([r.white for r in found]), np.array([r.raw for r in found]),
+            layout, np.array([r.white for r in found]), np.array([r.residual for r in found]),
+            np.array([r.raw for r in found]),
             np.array([r.weight for r in found]), law, tuple(r.rows for r in found), self._made_for,
         )  # fmt: skip
 
@@ -336,7 +340,8 @@ class Space:
             own = own - own.mean(axis=1, keepdims=True)
             known = base.raw @ own.T
             out.append(_Row(
-                _assembled(gram, cross, fixed.gram, p, len(trials)),
+                _assembled(gram[:-1, :-1], cross[:-1], fixed.gram, p),
+                np.concatenate([gram[-1, :p], cross[-1], gram[-1, p:]]),
                 group.repeats * _joined(base.raw_gram, known, own @ own.T),
                 float(group.repeats * cut.shape[1]),
                 (np.concatenate([base.white, white[: p - k]]),
@@ -349,7 +354,7 @@ class Space:
 
         ``leave`` : number of the recording of every group that is left out of its mean
         """
-        white, raw, at = linear.white.copy(), linear.raw.copy(), 0
+        residual, raw, at = linear.residual.copy(), linear.raw.copy(), 0
         p = linear.layout.base
         for index, group in enumerate(self.groups.groups):
             rows = group.measured_um
@@ -363,14 +368,12 @@ class Space:
                 cut = left[piece.begin : piece.end]
                 r = self.whiten(cut[None], np.sqrt(group.repeats))[0]
                 columns, own = linear.rows[at]
-                cross = np.concatenate([columns @ r, self.fixed[at].white @ r])
-                white[at, :-1, -1] = white[at, -1, :-1] = cross
-                white[at, -1, -1] = r @ r
+                residual[at] = np.concatenate([columns @ r, self.fixed[at].white @ r, [r @ r]])
                 cut = cut - cut.mean()
                 raw[at, :p, -1] = raw[at, -1, :p] = group.repeats * own @ cut
                 raw[at, -1, -1] = group.repeats * cut @ cut
                 at += 1
-        return replace(linear, white=white, raw=raw)
+        return replace(linear, residual=residual, raw=raw)
 
     def moving(
         self, group: Group, point: Point, trials: Sequence[tuple[Model, Model]]
@@ -480,10 +483,10 @@ def _with_tables(model: Model, of: Model) -> Model:
     return out
 
 
-def _assembled(own: FloatArray, cross: FloatArray, fixed: FloatArray, p: int, t: int) -> FloatArray:
-    """Columns in the order base, fixed, trials, residual."""
+def _assembled(own: FloatArray, cross: FloatArray, fixed: FloatArray, p: int) -> FloatArray:
+    """Columns in the order base, fixed, trials."""
     m = fixed.shape[0]
-    out = np.empty((p + m + t + 1, p + m + t + 1))
+    out = np.empty((own.shape[0] + m, own.shape[0] + m))
     base, theirs, rest = slice(0, p), slice(p, p + m), slice(p + m, None)
     for mine, here in ((base, slice(0, p)), (rest, slice(p, None))):
         out[mine, base], out[mine, rest] = own[here, :p], own[here, p:]
