@@ -25,6 +25,7 @@ TAPER = 6  # steps in which a law fades out
 TAPER_ENDS = 2.0 * np.arange(1, TAPER + 1) / TAPER  # of its reach
 TAPER_SHARES = 1.0 - (np.arange(TAPER) + 0.5) / TAPER
 ONE = np.ones(1)
+KEPT = 256  # grids
 Law = Callable[[FloatArray, HalfLoops], FloatArray]
 """Slopes (..., m) V/um before the law, and the half loops -> slopes (..., m) after it."""
 
@@ -35,6 +36,11 @@ class Curve:
 
     knots_v: FloatArray
     compliance_um_per_v: FloatArray
+
+    @cached_property
+    def grids(self) -> dict[tuple[object, ...], Grid]:
+        """What laws with a reach have made of it: see `Branches.grid`."""
+        return {}
 
     @cached_property
     def moved_um(self) -> FloatArray:
@@ -111,7 +117,7 @@ class Reaching:
     @property
     def breaks(self) -> FloatArray:
         """Displacements at which slopes change because of it, um, shape (b,)."""
-        return np.append(self._ends_um, 2.0 * self.last_um) if self.closing else self._ends_um
+        return np.append(self._ends_um, 2.0 * self.last_um) if self.closing > 0 else self._ends_um
 
     @property
     def last_um(self) -> float:
@@ -146,7 +152,7 @@ class Grid:
     slopes_v_per_um: FloatArray
     rest: Curve | None
 
-    @property
+    @cached_property
     def widths_um(self) -> FloatArray:
         return _steps(self.ends_um)
 
@@ -221,7 +227,7 @@ class Branches:
             here = slice(shares.size)
             change = shares[:, None] * (r.law(slopes[here], loops) - slopes[here])
             slopes[here] += change
-            if r.closing:
+            if r.closing > 0:
                 slopes[r.taken_back(ends)] -= r.closing / r.last_um * (widths[here] @ change)
         slopes = np.ascontiguousarray(slopes.T)
         if checked:
@@ -231,6 +237,15 @@ class Branches:
 
     def grid(self) -> Grid:
         """The bands that laws with a reach make of a later branch; the same for all half loops."""
+        known = self.rest.grids
+        key = (self.first_break_um, *((r.reach_um, r.closing > 0, r.tapered) for r in self.reaching))
+        if key not in known:
+            if len(known) >= KEPT:
+                known.clear()
+            known[key] = self._grid()
+        return known[key]
+
+    def _grid(self) -> Grid:
         ends = self.first_break_um + self.rest.moved_um
         later = 1.0 / self.rest.compliance_um_per_v
         reaches = np.concatenate([r.breaks for r in self.reaching])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -111,6 +111,10 @@ class Model:
 
     def branches(self) -> Branches:
         """The kernel's branches after every stage has shaped them."""
+        return self._branches
+
+    @cached_property
+    def _branches(self) -> Branches:
         branches = self.maxwell.branches()
         for stage in self.stages:
             branches = stage.shape(branches)

@@ -183,20 +183,22 @@ def _axes(linear: Linear, gram: FloatArray, free: Sequence[int]) -> Axes:
     norm = np.where(size > 0, size, 1.0)
     value, vector = np.linalg.eigh(columns / np.outer(norm, norm))
     good = value > KEEP * max(value[-1], 1e-300)
-    axes = ((vector[:, good] / np.sqrt(value[good])) / norm[:, None]).T
-    coordinates = axes @ columns
+    root = np.sqrt(value[good])
+    axes = ((vector[:, good] / root) / norm[:, None]).T
+    coordinates = (vector[:, good] * root * norm[:, None]).T
     fine, generic = coordinates[:, :f], coordinates[:, f : f + u]
     law = generic[:, linear.law > 0] * np.sqrt(linear.law[linear.law > 0])
     return Axes(base, rest, off, cross, axes, Reduced(
         fine, generic, coordinates[:, f + u :], law, np.zeros(0), 0.0,
-        _unit(fine), _unit(generic), Covariance(fine, generic, law),
+        _unit(columns[:f, :f], root.size), _unit(columns[f : f + u, f : f + u], root.size),
+        Covariance(fine, generic, law),
     ))  # fmt: skip
 
 
-def _unit(x: FloatArray) -> float:
+def _unit(gram: FloatArray, rank: int) -> float:
     """Variance at which the strongest tenth of the directions stand out of the noise."""
-    values = np.linalg.eigvalsh(x.T @ x)[::-1] if x.size else np.zeros(1)
-    return 1.0 / max(float(np.mean(values[: max(3, min(x.shape) // 10)])), 1e-300)
+    values = np.linalg.eigvalsh(gram)[::-1] if gram.size else np.zeros(1)
+    return 1.0 / max(float(np.mean(values[: max(3, min(rank, values.size) // 10)])), 1e-300)
 
 
 def covariance_of(reduced: Reduced, scales: tuple[float, float]) -> FloatArray:
