@@ -238,7 +238,8 @@ class Branches:
     def grid(self) -> Grid:
         """The bands that laws with a reach make of a later branch; the same for all half loops."""
         known = self.rest.grids
-        key = (self.first_break_um, *((r.reach_um, r.closing > 0, r.tapered) for r in self.reaching))
+        laws = tuple((r.reach_um, r.closing > 0, r.tapered) for r in self.reaching)
+        key = (self.first_break_um, laws)
         if key not in known:
             if len(known) >= KEPT:
                 known.clear()

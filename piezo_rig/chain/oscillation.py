@@ -11,7 +11,7 @@ import math
 import numba
 import numpy as np
 
-SAME_STEP = 1e-9  # relative: times are rounded, and an exponential for each costs more than the rest
+SAME_STEP = 1e-9  # relative: times are rounded, and no exponential is taken anew for that
 
 
 @numba.njit(cache=True, nogil=True)

@@ -391,7 +391,7 @@ def _gained(seen: Seen, hypotheses: Sequence[Sequence[int]]) -> FloatArray:
     lengths = np.array([len(h) for h in hypotheses])
     for n in set(lengths.tolist()) - {0}:
         where = np.flatnonzero(lengths == n)
-        of = np.array([list(hypotheses[h]) for h in where])
+        of = np.array([list(h) for h in hypotheses if len(h) == n])
         out[where] = _followed(seen.gram[of[:, :, None], of[:, None, :]], seen.along[of])
     return out
 

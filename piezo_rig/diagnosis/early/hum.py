@@ -103,10 +103,10 @@ def find_hum(groups: Groups, model: Model) -> Hum | None:
             if best is None or p < best[0]:
                 best = (p, f)
     assert best is not None
-    fine = best[1] + np.arange(-25, 26) * 0.01
-    power = sum(
-        np.where(k * fine < nyquist, _line(rows, k * fine)[0], 0.0) for k in (1, 3)
-    )
+    fine = np.asarray(best[1] + np.arange(-25, 26) * 0.01, float)
+    power = np.zeros(fine.size)
+    for k in (1, 3):
+        power += np.where(k * fine < nyquist, _line(rows, k * fine)[0], 0.0)
     best = (best[0], float(fine[int(np.argmax(power))]))
     return removed(groups, model, best[1], best[0])
 
