@@ -154,6 +154,7 @@ class Space:
     _bands: dict[Key, list[Bands]] = field(default_factory=dict)
     _made_for: Key = ()
     _of_given: dict[Key, Any] = field(default_factory=dict)
+    _tangents: dict[int, tuple[Group, Point, FloatArray]] = field(default_factory=dict)
 
     @property
     def noise_nm(self) -> float:
@@ -379,8 +380,10 @@ class Space:
         self, group: Group, point: Point, trials: Sequence[tuple[Model, Model]]
     ) -> FloatArray:
         """Thinned tangent of all but the bands, trial signatures, residual of one group."""
-        predicted, tangent = point.tangent(group, point.compliances)
-        rows = [tangent]
+        tangent = self._tangent(group, point)
+        group.remember(point.model)
+        predicted = group.predicted(point.model)
+        rows = []
         known: dict[int, FloatArray] = {id(point.model): predicted}
         for before, after in trials:
             if id(before) not in known:
@@ -388,7 +391,16 @@ class Space:
             rows.append((group.predicted_once(after) - known[id(before)])[None])
         mean = group.measured_um.mean(axis=0)
         rows.append((mean - predicted)[None])
-        return self.groups.thinned(group, np.concatenate(rows))
+        return np.concatenate([tangent, self.groups.thinned(group, np.concatenate(rows))])
+
+    def _tangent(self, group: Group, point: Point) -> FloatArray:
+        """Thinned tangent of all but the bands; that of the latest point is kept."""
+        latest = self._tangents.get(id(group))
+        if latest is None or latest[0] is not group or latest[1] is not point:
+            _, tangent = point.tangent(group, point.compliances)
+            latest = group, point, self.groups.thinned(group, tangent)
+            self._tangents[id(group)] = latest
+        return latest[2]
 
     def bands(self, point: Point) -> list[Bands]:
         """Derivatives by the compliances, piece by piece, as of the model that was prepared."""
