@@ -240,11 +240,12 @@ class Branches:
         known = self.rest.grids
         laws = tuple((r.reach_um, r.closing > 0, r.tapered) for r in self.reaching)
         key = (self.first_break_um, laws)
-        if key not in known:
+        grid = known.get(key)  # threads play the same model: another one may clear what is known
+        if grid is None:
             if len(known) >= KEPT:
                 known.clear()
-            known[key] = self._grid()
-        return known[key]
+            grid = known[key] = self._grid()
+        return grid
 
     def _grid(self) -> Grid:
         ends = self.first_break_um + self.rest.moved_um

@@ -183,6 +183,7 @@ class Space:
             old = next(iter(self._known))
             self._known.pop(old)
             self._bands = {k: v for k, v in self._bands.items() if k[0] != old}
+        self._forget_oldest()
         every = [_driven(group, model) for group in self.groups.groups]
         tight = self.held and not self.loose
         left = held.bends_left(self.groups, every, model, self.scales) if tight else []
@@ -242,12 +243,14 @@ class Space:
     def _kept_of(self, key: Key, make: Callable[[], Made]) -> Made:
         """What is known of the given drives by a key, else what ``make`` makes."""
         if key not in self._of_given:
-            made = make()
-            while len(self._of_given) >= MOST_GIVEN * len(self.groups.groups):
-                self._of_given.pop(next(iter(self._of_given)))
-            self._of_given[key] = made
+            self._of_given[key] = make()
         found: Made = self._of_given[key]
         return found
+
+    def _forget_oldest(self) -> None:
+        """Make room for a set of every group, before threads ask for it."""
+        while len(self._of_given) > MOST_GIVEN * len(self.groups.groups):
+            self._of_given.pop(next(iter(self._of_given)))
 
     def about(self, point: Point, linear: Linear) -> Linear:
         """Gram matrices about a point: those of a point near by, if of the same columns."""
@@ -414,6 +417,7 @@ class Space:
             return self._bands[key]
         while len(self._bands) >= MOST_BANDS:
             self._bands.pop(next(iter(self._bands)))
+        self._forget_oldest()
         model = _with_tables(self._prepared, point.model)
         tables = tuple(s.elements.knots_v.round(9).tobytes() for s in model.stages if s.elements)
         mine = np.concatenate([

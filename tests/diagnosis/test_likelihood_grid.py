@@ -43,7 +43,7 @@ def direct(likelihood: Likelihood, columns: np.ndarray, z: np.ndarray, free: lis
     return out
 
 
-@pytest.mark.parametrize("seed, fine, generic", [
+@pytest.mark.parametrize(("seed", "fine", "generic"), [
     (0, 0.0, 0.0), (1, 0.3, 0.0), (2, 0.0, 0.3), (3, 0.1, 0.02), (4, 1.0, 1.0), (5, 0.02, 0.1),
 ])  # fmt: skip
 @pytest.mark.parametrize("free", [[], [2], [0, 2]])
@@ -58,7 +58,7 @@ def test_the_climb_finds_the_largest_likelihood_of_the_whole_grid(seed, fine, ge
 
 
 def test_a_column_that_repeats_another_adds_nothing():
-    linear, columns, z = linear_of(1, 0.1, 0.1)
+    linear, _, _ = linear_of(1, 0.1, 0.1)
     gram = linear.white[0]
     gram[-2], gram[:, -2] = gram[-1], gram[:, -1].copy()
     gram[-2, -2] = gram[-1, -1]
