@@ -31,6 +31,11 @@ Three repeats of the matrix, 2,122,500 samples, from loaded arrays. Aim: under 0
 1000 bootstrap refits within 0.2 s more, linear in samples. `identify()` does all that the verb
 does: the number of elements chosen or given, laws by Gauss-Newton, held-out scores, bands.
 """,
+    "diagnosis": """## Diagnosis
+
+Two recordings of every condition, with nothing hidden in them or with one effect. Reference: one
+singular value decomposition of 1000 x 1000 numbers. A study plays thousands of these.
+""",
     "bench": """## Simulated bench
 
 Through sockets and pseudo terminal, stored sweep by sweep. Aim: at least 50 times as fast as the

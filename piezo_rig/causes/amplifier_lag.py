@@ -39,7 +39,7 @@ class AmplifierLag(Cause):
         from piezo_rig.chain.relaxation import lagged
 
         time, drive = (np.ascontiguousarray(x) for x in (signal.time_s, signal.drive_v))
-        return signal.with_(drive_v=lagged(time, drive, tau))
+        return signal.with_drive(lagged(time, drive, tau))
 
     def increment(self, branches: Branches) -> Increment | str:
         tau = self["tau"]

@@ -37,8 +37,8 @@ class ClockRatio(Cause):
             return signal
         since = np.maximum(signal.time_s, 0.0)  # before a sweep nobody measures
         seen = signal.time_s - since + since / (1.0 + 1e-6 * self["ppm"])
-        return signal.with_(
-            displacement_um=np.interp(seen, signal.time_s, signal.displacement_um)
+        return signal.with_displacement(
+            np.interp(seen, signal.time_s, signal.displacement_um)
         )
 
     @classmethod

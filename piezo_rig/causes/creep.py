@@ -64,11 +64,17 @@ class Creep(Cause):
         return np.asarray(self["rate_per_decade"] * weights() * own)
 
     def act(self, signal: Signal) -> Signal:
-        from piezo_rig.chain.relaxation import relaxed
+        from piezo_rig.chain.relaxation import relaxations
 
         x = np.ascontiguousarray(signal.displacement_um)
-        time = np.ascontiguousarray(signal.time_s)
-        return signal.with_(displacement_um=x + relaxed(time, x, TIMES_S, self.shares))
+
+        def made() -> FloatArray:
+            out = np.empty((x.size, TIMES_S.size))
+            relaxations(np.ascontiguousarray(signal.time_s), x, TIMES_S, out)
+            return out
+
+        each = signal.of_displacement.get(self.id, made)
+        return signal.with_displacement(x + each @ self.shares)
 
     def carry(self, signal: Signal, changes: FloatArray) -> FloatArray:
         from piezo_rig.chain.relaxation import relaxed_rows

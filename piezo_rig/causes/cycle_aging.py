@@ -54,7 +54,7 @@ class CycleAging(Cause):
         if signal.displacement_um.size < 2:
             return signal
         aged = self._aged(signal, signal.displacement_um)
-        return signal.with_(displacement_um=signal.displacement_um + aged)
+        return signal.with_displacement(signal.displacement_um + aged)
 
     def carry(self, signal: Signal, changes: FloatArray) -> FloatArray:
         return np.asarray(changes + self._aged(signal, changes))
@@ -62,12 +62,12 @@ class CycleAging(Cause):
     def _aged(self, signal: Signal, x: FloatArray) -> FloatArray:
         """What ageing adds to displacements (..., n) under the drive of a signal."""
         begin = first_measured(signal.time_s)
-        drive = signal.drive_v[begin:]
+        count = signal.of_drive.get(self.id, lambda: cycles(signal.drive_v[begin:]))
         out = np.zeros_like(x)
         if self._whole:
-            out[..., begin:] = np.log10(np.maximum(cycles(drive) + 0.5, 1.0)) * x[..., begin:]
+            out[..., begin:] = np.log10(np.maximum(count + 0.5, 1.0)) * x[..., begin:]
         else:
-            number = np.floor(cycles(drive)[1:]) + 1.0
+            number = np.floor(count[1:]) + 1.0
             steps = np.log10(number) * np.diff(x[..., begin:], axis=-1)
             out[..., begin + 1 :] = np.cumsum(steps, axis=-1)
         return self["rate_per_decade"] * out

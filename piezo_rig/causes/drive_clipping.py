@@ -40,7 +40,7 @@ class DriveClipping(Cause):
     sharp: ClassVar[Mapping[str, float]] = {"lower": NEVER_V, "upper": NEVER_V}
 
     def act(self, signal: Signal) -> Signal:
-        return signal.with_(drive_v=np.clip(signal.drive_v, self["lower"], self["upper"]))
+        return signal.with_drive(np.clip(signal.drive_v, self["lower"], self["upper"]))
 
     def increment(self, branches: Branches) -> Increment | str:
         return Increment(Operation.CLIP, (self["lower"], self["upper"]))

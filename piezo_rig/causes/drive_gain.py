@@ -36,7 +36,7 @@ class DriveGain(Cause):
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {"ratio": (0.2, 5.0)}
 
     def act(self, signal: Signal) -> Signal:
-        return signal.with_(drive_v=self["ratio"] * signal.drive_v)
+        return signal.with_drive(self["ratio"] * signal.drive_v)
 
     def increment(self, branches: Branches) -> Increment | str:
         return Increment(Operation.GAIN, (self["ratio"],))

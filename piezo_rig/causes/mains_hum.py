@@ -34,6 +34,6 @@ class MainsHum(Cause):
 
     def act(self, signal: Signal) -> Signal:
         wave = np.sin(2.0 * np.pi * self["frequency"] * signal.time_s)
-        return signal.with_(
-            displacement_um=signal.displacement_um + 1e-3 * self["amplitude"] * wave
+        return signal.with_displacement(
+            signal.displacement_um + 1e-3 * self["amplitude"] * wave
         )

@@ -40,7 +40,7 @@ class PeriodicNonlinearity(Cause):
         if self["sine_2"] or self["cosine_2"]:
             error = error + self["sine_2"] * np.sin(2 * angle)
             error = error + self["cosine_2"] * np.cos(2 * angle)
-        return signal.with_(displacement_um=signal.displacement_um + 1e-3 * error)
+        return signal.with_displacement(signal.displacement_um + 1e-3 * error)
 
     @classmethod
     def trials(cls, context: Context) -> list[Stage]:

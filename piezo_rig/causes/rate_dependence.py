@@ -79,9 +79,17 @@ class RateDependence(Cause):
     def act(self, signal: Signal) -> Signal:
         if self.widens:
             return signal
+        numbers = (self["lag_um"], self["exponent"], self.window)
+        lag = signal.of_drive.get((self.id, *numbers), lambda: self._lag(signal))
+        return signal.with_displacement(signal.displacement_um - lag)
+
+    def _lag(self, signal: Signal) -> FloatArray:
         rate = self._rate(signal)
-        lag = self["lag_um"] * np.sign(rate) * np.abs(rate) ** self["exponent"]
-        return signal.with_(displacement_um=signal.displacement_um - lag)
+        size = signal.of_drive.get(
+            (self.id, "size", self["exponent"], self.window),
+            lambda: np.sign(rate) * np.abs(rate) ** self["exponent"],
+        )
+        return np.asarray(self["lag_um"] * size)
 
     def increment(self, branches: Branches) -> Increment | str:
         rest = (self["exponent"], self.window, REFERENCE_V_PER_S)
@@ -97,9 +105,12 @@ class RateDependence(Cause):
         """Speed of the drive (n,), of `REFERENCE_V_PER_S`."""
         from piezo_rig.chain.relaxation import off
 
-        time = np.ascontiguousarray(signal.time_s)
-        drive = np.ascontiguousarray(signal.drive_v)
-        return -off(time, drive, self.window) / self.window / REFERENCE_V_PER_S
+        def made() -> FloatArray:
+            time = np.ascontiguousarray(signal.time_s)
+            drive = np.ascontiguousarray(signal.drive_v)
+            return np.asarray(-off(time, drive, self.window) / self.window / REFERENCE_V_PER_S)
+
+        return signal.of_drive.get((self.id, "rate", self.window), made)
 
     @classmethod
     def variants(cls, context: Context) -> list[list[Stage]]:

@@ -53,7 +53,7 @@ class Resonance(Cause):
 
     def act(self, signal: Signal) -> Signal:
         moved = self._mode(signal.time_s, signal.displacement_um[None, :])[0]
-        return signal.with_(displacement_um=moved)
+        return signal.with_displacement(moved)
 
     def increment(self, branches: Branches) -> Increment | str:
         omega = 2.0 * np.pi * self["frequency"]

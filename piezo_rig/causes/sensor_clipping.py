@@ -37,7 +37,7 @@ class SensorClipping(Cause):
             return signal
         zero, level = signal.displacement_um[0], self["level"]
         within = np.minimum if level > 0 else np.maximum
-        return signal.with_(displacement_um=within(signal.displacement_um, zero + level))
+        return signal.with_displacement(within(signal.displacement_um, zero + level))
 
     def carry(self, signal: Signal, changes: FloatArray) -> FloatArray:
         zero, level = signal.displacement_um[0], self["level"]

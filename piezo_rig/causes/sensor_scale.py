@@ -33,7 +33,7 @@ class SensorScale(Cause):
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {"ratio": (0.2, 5.0)}
 
     def act(self, signal: Signal) -> Signal:
-        return signal.with_(displacement_um=signal.displacement_um / self["ratio"])
+        return signal.with_displacement(signal.displacement_um / self["ratio"])
 
     @classmethod
     def trials(cls, context: Context) -> list[Stage]:

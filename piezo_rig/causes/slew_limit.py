@@ -54,7 +54,7 @@ class SlewLimit(Cause):
 
     def act(self, signal: Signal) -> Signal:
         time, drive = (np.ascontiguousarray(x) for x in (signal.time_s, signal.drive_v))
-        return signal.with_(drive_v=_compiled()(time, drive, self["limit"]))
+        return signal.with_drive(_compiled()(time, drive, self["limit"]))
 
     def increment(self, branches: Branches) -> Increment | str:
         return Increment(Operation.SLEW, (self["limit"],))

@@ -29,7 +29,7 @@ class ThermalDrift(Cause):
 
     def act(self, signal: Signal) -> Signal:
         moved = 1e-3 * self["rate"] * (signal.time_s - signal.time_s[0])
-        return signal.with_(displacement_um=signal.displacement_um + moved)
+        return signal.with_displacement(signal.displacement_um + moved)
 
     @classmethod
     def trials(cls, context: Context) -> list[Stage]:

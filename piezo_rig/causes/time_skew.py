@@ -35,7 +35,7 @@ class TimeSkew(Cause):
         if self["delay"] == 0.0 or signal.time_s.size < 2:
             return signal
         seen = np.interp(signal.time_s - self["delay"], signal.time_s, signal.displacement_um)
-        return signal.with_(displacement_um=seen)
+        return signal.with_displacement(seen)
 
     @classmethod
     def trials(cls, context: Context) -> list[Stage]:

@@ -19,6 +19,7 @@ from piezo_rig.chain.stage import Signal, Stage
 
 FloatArray = NDArray[np.float64]
 POWERS = {"square": 2, "cube": 3, "fourth": 4, "fifth": 5}
+NAMES = {power: name for name, power in POWERS.items()}
 
 
 class Bend(Stage):
@@ -38,9 +39,17 @@ class Bend(Stage):
         return cls.of(None, from_v=from_v, over_v=over_v, **dict.fromkeys(POWERS, 0.0))
 
     def act(self, signal: Signal) -> Signal:
-        u = (signal.drive_v - self["from_v"]) / self["over_v"]
-        bent = sum(self[name] * u**power for name, power in POWERS.items())
-        return signal.with_(displacement_um=signal.displacement_um + bent)
+        numbers = tuple(self[name] for name in self.units)
+        bent = signal.of_drive.get((self.id, *numbers), lambda: self._bent(signal.drive_v))
+        return signal.with_displacement(signal.displacement_um + bent)
+
+    def _bent(self, drive_v: FloatArray) -> FloatArray:
+        u = (drive_v - self["from_v"]) / self["over_v"]
+        bent = np.zeros_like(u)
+        for power in range(max(POWERS.values()), 0, -1):
+            bent += self[NAMES[power]] if power in NAMES else 0.0
+            bent *= u
+        return bent
 
     def increment(self, branches: Branches) -> Increment | str:
         numbers = (self["from_v"], self["over_v"], *(self[name] for name in POWERS))

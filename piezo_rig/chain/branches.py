@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from itertools import pairwise
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +21,11 @@ from piezo_rig.chain.half_loops import HalfLoops, half_loops
 from piezo_rig.errors import InputError
 
 FloatArray = NDArray[np.float64]
-TAPER = 6
+TAPER = 6  # steps in which a law fades out
+TAPER_ENDS = 2.0 * np.arange(1, TAPER + 1) / TAPER  # of its reach
+TAPER_SHARES = 1.0 - (np.arange(TAPER) + 0.5) / TAPER
+ONE = np.ones(1)
+KEPT = 256  # grids
 Law = Callable[[FloatArray, HalfLoops], FloatArray]
 """Slopes (..., m) V/um before the law, and the half loops -> slopes (..., m) after it."""
 
@@ -32,6 +36,18 @@ class Curve:
 
     knots_v: FloatArray
     compliance_um_per_v: FloatArray
+
+    @cached_property
+    def grids(self) -> dict[tuple[object, ...], Grid]:
+        """What laws with a reach have made of it: see `Branches.grid`."""
+        return {}
+
+    @cached_property
+    def moved_um(self) -> FloatArray:
+        """Displacement at the beginning of the curve and at every knot, shape (n,)."""
+        moved = np.zeros(self.knots_v.size + 1)
+        np.cumsum(_steps(self.knots_v) * self.compliance_um_per_v[:-1], out=moved[1:])
+        return moved
 
     @classmethod
     def of(cls, elements: Elements) -> Curve:
@@ -82,27 +98,37 @@ class Reaching:
     closing: float = 0.0
     tapered: bool = False
 
+    @cached_property
+    def _ends_um(self) -> FloatArray:
+        """Where each of its steps ends, shape (s,)."""
+        return self.reach_um * (TAPER_ENDS if self.tapered else ONE)
+
+    @property
+    def _step_shares(self) -> FloatArray:
+        """Share of the law on each step, shape (s,)."""
+        return TAPER_SHARES if self.tapered else ONE
+
     @property
     def steps(self) -> list[tuple[float, float, float]]:
         """Stretches (from, to, share of the law) after the turning point, um."""
-        if not self.tapered:
-            return [(0.0, self.reach_um, 1.0)]
-        edges = 2.0 * self.reach_um * np.arange(TAPER + 1) / TAPER
-        return [
-            (float(a), float(b), 1.0 - (k + 0.5) / TAPER)
-            for k, (a, b) in enumerate(pairwise(edges))
-        ]
+        ends = [0.0, *self._ends_um.tolist()]
+        return list(zip(ends[:-1], ends[1:], self._step_shares.tolist(), strict=True))
 
     @property
-    def breaks(self) -> list[float]:
-        """Displacements at which slopes change because of it, um."""
-        ends = [b for _, b, _ in self.steps]
-        return [*ends, 2.0 * ends[-1]] if self.closing else ends
+    def breaks(self) -> FloatArray:
+        """Displacements at which slopes change because of it, um, shape (b,)."""
+        return np.append(self._ends_um, 2.0 * self.last_um) if self.closing > 0 else self._ends_um
 
     @property
     def last_um(self) -> float:
         """Displacement after the turning point at which the law ends."""
-        return self.steps[-1][1]
+        return float(self._ends_um[-1])
+
+    def shares(self, ends_um: FloatArray) -> FloatArray:
+        """Share of the law in each of the bands with these ends that it reaches."""
+        to = self._ends_um
+        reached = ends_um[: np.searchsorted(ends_um, to[-1], side="right")]
+        return np.asarray(self._step_shares[np.searchsorted(to, reached)])
 
     def taken_back(self, ends_um: FloatArray) -> NDArray[np.bool_]:
         """Of bands with these ends (e,), those on which what it adds is taken back."""
@@ -126,9 +152,9 @@ class Grid:
     slopes_v_per_um: FloatArray
     rest: Curve | None
 
-    @property
+    @cached_property
     def widths_um(self) -> FloatArray:
-        return np.diff(self.ends_um, prepend=0.0)
+        return _steps(self.ends_um)
 
 
 @dataclass(frozen=True, eq=False)
@@ -193,17 +219,16 @@ class Branches:
         if not self.reaching:
             return Bands((self.first_break_um * first)[:, None], first[:, None], self.rest)
         grid = self.grid()
-        early, widths = grid.ends_um, grid.widths_um
+        ends, widths = grid.ends_um, grid.widths_um
         # bands before half loops, so that a law meets rows of half loops
         slopes = np.where(grid.of_first[:, None], first, grid.slopes_v_per_um[:, None])
         for r in self.reaching:
-            added = np.zeros(len(loops))
-            for begin, end, share in r.steps:
-                here = slice(*np.searchsorted(early, [begin, end], side="right"))
-                change = share * (r.law(slopes[here], loops) - slopes[here])
-                added += widths[here] @ change
-                slopes[here] += change
-            slopes[r.taken_back(early)] -= r.closing / r.last_um * added
+            shares = r.shares(ends)
+            here = slice(shares.size)
+            change = shares[:, None] * (r.law(slopes[here], loops) - slopes[here])
+            slopes[here] += change
+            if r.closing > 0:
+                slopes[r.taken_back(ends)] -= r.closing / r.last_um * (widths[here] @ change)
         slopes = np.ascontiguousarray(slopes.T)
         if checked:
             _positive(slopes.min(axis=1), loops)
@@ -212,14 +237,22 @@ class Branches:
 
     def grid(self) -> Grid:
         """The bands that laws with a reach make of a later branch; the same for all half loops."""
-        volts = np.diff(self.rest.knots_v, prepend=0.0)
-        ends = self.first_break_um + np.cumsum(
-            np.append(0.0, volts * self.rest.compliance_um_per_v[: volts.size])
-        )
+        known = self.rest.grids
+        laws = tuple((r.reach_um, r.closing > 0, r.tapered) for r in self.reaching)
+        key = (self.first_break_um, laws)
+        grid = known.get(key)  # threads play the same model: another one may clear what is known
+        if grid is None:
+            if len(known) >= KEPT:
+                known.clear()
+            grid = known[key] = self._grid()
+        return grid
+
+    def _grid(self) -> Grid:
+        ends = self.first_break_um + self.rest.moved_um
         later = 1.0 / self.rest.compliance_um_per_v
-        reaches = [b for r in self.reaching for b in r.breaks]
+        reaches = np.concatenate([r.breaks for r in self.reaching])
         breaks = np.unique(np.concatenate([ends, reaches]))
-        early = breaks[breaks <= max(reaches)]
+        early = breaks[breaks <= reaches.max()]
         rest: Curve | None = None
         if early[-1] < ends[0] < np.inf:
             # inside the first element: the rest of it is one more band, also by its law
@@ -228,10 +261,10 @@ class Branches:
         elif ends[0] < np.inf:
             left = ends[ends > early[-1]]
             springs = later[np.searchsorted(ends, early[-1], side="right") - 1 :]
-            steps = springs[: left.size] * np.diff(left, prepend=early[-1])
+            steps = springs[: left.size] * _steps(left, early[-1])
             rest = Curve(np.cumsum(steps), 1.0 / springs)
         # slope of each early band before any spring is added; its middle says which one it was
-        middle = early - 0.5 * np.diff(early, prepend=0.0)
+        middle = early - 0.5 * _steps(early)
         which = np.searchsorted(ends, middle)
         return Grid(early, which == 0, np.append(np.nan, later)[which], rest)
 
@@ -276,6 +309,14 @@ class Branches:
             out,
         )
         return out
+
+
+def _steps(ends: FloatArray, begin: float = 0.0) -> FloatArray:
+    """Widths (n,) of what ends there, one after the other."""
+    steps = ends.copy()
+    steps[1:] -= ends[:-1]
+    steps[:1] -= begin
+    return steps
 
 
 def _positive(slopes: FloatArray, loops: HalfLoops) -> None:

@@ -9,6 +9,8 @@ first constant is 0 and the law gives it all.
 
 from __future__ import annotations
 
+from functools import cached_property
+
 from piezo_rig.chain.branches import Branches
 from piezo_rig.chain.stage import Stage
 
@@ -22,5 +24,9 @@ class Maxwell(Stage):
 
     def branches(self) -> Branches:
         """The kernel's branches before any other stage shapes them."""
+        return self._own
+
+    @cached_property
+    def _own(self) -> Branches:
         assert self.elements is not None
         return Branches.of(self.elements)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -32,6 +32,13 @@ class Memo:
         self._of: object = None
         self._known: dict[tuple[object, ...], Any] = {}
         self._whole: dict[int, tuple[Model, FloatArray]] = {}
+        self._begun: tuple[Signal, int] | None = None
+
+    def begun(self, make: Callable[[], tuple[Signal, int]]) -> tuple[Signal, int]:
+        """The signal before any stage, and how many samples of it come before the drive."""
+        if self._begun is None:
+            self._begun = make()
+        return self._begun
 
     def whole(self, model: Model, make: Callable[[], FloatArray]) -> FloatArray:
         """All that the latest few models made of the drive, not to be written to."""
@@ -104,6 +111,10 @@ class Model:
 
     def branches(self) -> Branches:
         """The kernel's branches after every stage has shaped them."""
+        return self._branches
+
+    @cached_property
+    def _branches(self) -> Branches:
         branches = self.maxwell.branches()
         for stage in self.stages:
             branches = stage.shape(branches)
@@ -148,34 +159,33 @@ class Model:
         -------
         displacement in um, shape (n,), 0 at the first sample
         """
-        time, drive = _checked(time_s, drive_v)
-        if drive.size == 0:
+        if np.size(drive_v) == 0 == np.size(time_s):
             return np.empty(0)
         if history not in ("virgin", "carried", "unknown"):
             raise InputError("history", f"history {history!r} is not virgin, carried or unknown")
-        active = [s for s in self.stages if s.locked_to == "drive"]
-        looks_at_all = history != "virgin" or any(s.units or s.place == "drive" for s in active)
-        if looks_at_all and not np.all(np.isfinite(drive)):
-            _refuse_gaps(drive)
-        before = 0
         memo = Memo() if memo is None else memo
-        if history != "virgin":
-            given = drive
-            drive = memo.get(self, ("preceded",), lambda: _preceded(given))
-            before = drive.size - time.size
-            time = np.concatenate([time[0] - LONG_AGO_S * np.arange(before, 0, -1), time])
+        signal, before = memo.begun(lambda: _begun(time_s, drive_v, history))
+        drive = signal.drive_v[before:]
+        active = [s for s in self.stages if s.locked_to == "drive"]
+        if any(s.units or s.place == "drive" for s in active) and not signal.of_drive.get(
+            "finite", lambda: bool(np.all(np.isfinite(drive)))
+        ):
+            _refuse_gaps(drive)
         key: tuple[object, ...] = ()
         if history == "virgin" and earlier:
+            begun = drive
             for stage in self.remembering:
-                volts = np.append(drive[0], stage.preface(earlier))
-                drive = np.concatenate([volts, drive])
+                volts = np.append(begun[0], stage.preface(earlier))
+                begun = np.concatenate([volts, begun])
                 before, key = before + volts.size, (*key, id(stage))
-            time = np.concatenate([time[0] - LONG_AGO_S * np.arange(before, 0, -1), time])
-        signal = self._play(time, drive, free_end, memo, key)
+            if key:
+                time = _long_after(signal.time_s, before)
+                signal = memo.get(self, ("begun", *key), lambda: _signal(time, begun))
+        signal = self._play(signal, free_end, memo, key)
         displacement = signal.displacement_um[before:]
         # one bad sample makes all that follow it bad: looking at the last is enough
         if not np.isfinite(displacement[-1]):
-            _refuse_gaps(drive[before:])
+            _refuse_gaps(drive)
         return displacement if displacement[0] == 0.0 else displacement - displacement[0]
 
     def place_um(self, drive_v: FloatArray, history: str = "virgin") -> FloatArray:
@@ -192,7 +202,7 @@ class Model:
             drive = _preceded(drive)
             before = drive.size - drive_v.size
         time = np.arange(drive.size, dtype=float)
-        return still._play(time, drive, True, Memo()).displacement_um[before:]
+        return still._play(_signal(time, drive), True, Memo()).displacement_um[before:]
 
     @property
     def remembering(self) -> list[Stage]:
@@ -201,10 +211,8 @@ class Model:
         return [] if own else [s for s in self.stages if type(s).preface is not Stage.preface]
 
     def _play(
-        self, time: FloatArray, drive: FloatArray, free_end: bool, memo: Memo,
-        key: tuple[object, ...] = (),
-    ) -> Signal:  # fmt: skip
-        signal = Signal(time, drive, np.zeros(0))
+        self, signal: Signal, free_end: bool, memo: Memo, key: tuple[object, ...] = ()
+    ) -> Signal:
         active = [s for s in self.stages if s.locked_to == "drive"]
         for stage in active:
             if stage.place == "drive":
@@ -216,14 +224,18 @@ class Model:
             if type(stage).seen_by_sliders is not Stage.seen_by_sliders:
                 key = (*key, "sliders", id(stage), id(self.maxwell))
                 driven = memo.get(self, key, partial(stage.seen_by_sliders, signal, branches))
-        if branches.has_laws:
+        loops: HalfLoops | None = None
+        if branches.has_laws and driven is given:
+            loops = signal.of_drive.get("loops", partial(half_loops, given))
+        elif branches.has_laws:
             loops = memo.get(self, ("loops", *key), lambda: half_loops(driven))
-        else:
-            loops = None
         key = (*key, *(id(s) for s in self.stages if type(s).shape is not Stage.shape), "kernel",
                id(self.maxwell))  # fmt: skip
-        moved = memo.get(self, key, lambda: _moved(branches, given, driven, loops))
-        signal = signal.with_(displacement_um=moved)
+        at_rest = signal
+        signal = memo.get(
+            self, key,
+            lambda: at_rest.with_displacement(_moved(branches, given, driven, loops)),
+        )  # fmt: skip
         for stage in active:
             if stage.place == "actuator" or (stage.place != "drive" and not free_end):
                 if type(stage).act is Stage.act:
@@ -248,6 +260,27 @@ def first_measured(time_s: FloatArray) -> int:
     """First sample behind whatever `Model.simulate` has put long before a drive."""
     before = np.flatnonzero(np.diff(time_s) > 0.5 * LONG_AGO_S)
     return int(before[-1]) + 1 if before.size else 0
+
+
+def _begun(time_s: FloatArray, drive_v: FloatArray, history: str) -> tuple[Signal, int]:
+    """The signal before any stage, and how many samples come before the given drive."""
+    time, drive = _checked(time_s, drive_v)
+    if history == "virgin":
+        return _signal(time, drive), 0
+    if not np.all(np.isfinite(drive)):
+        _refuse_gaps(drive)
+    whole = _preceded(drive)
+    before = whole.size - drive.size
+    return _signal(_long_after(time, before), whole), before
+
+
+def _signal(time_s: FloatArray, drive_v: FloatArray) -> Signal:
+    return Signal(time_s, drive_v, np.zeros(0))
+
+
+def _long_after(time_s: FloatArray, before: int) -> FloatArray:
+    """Times (n,) with those of so many samples long before them."""
+    return np.concatenate([time_s[0] - LONG_AGO_S * np.arange(before, 0, -1), time_s])
 
 
 def _preceded(drive: FloatArray) -> FloatArray:

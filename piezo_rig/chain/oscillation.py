@@ -11,6 +11,8 @@ import math
 import numba
 import numpy as np
 
+SAME_STEP = 1e-9  # relative: times are rounded, and no exponential is taken anew for that
+
 
 @numba.njit(cache=True, nogil=True)
 def rung(time, rows, omega, damping):
@@ -24,7 +26,7 @@ def rung(time, rows, omega, damping):
     slope = np.zeros(k)
     behind = 2.0 * damping / omega
     ringing = omega * math.sqrt(1.0 - damping * damping)
-    known = -1.0
+    known = 0.0
     c = s = 0.0
     for m in range(k):
         out[0, m] = x[0, m]
@@ -34,7 +36,7 @@ def rung(time, rows, omega, damping):
             for m in range(k):
                 out[i, m] = out[i - 1, m]
             continue
-        if step != known:
+        if abs(step - known) > SAME_STEP * known:
             known = step
             fade = math.exp(-damping * omega * step)
             c = fade * math.cos(ringing * step)

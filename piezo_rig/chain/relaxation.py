@@ -11,6 +11,8 @@ import math
 import numba
 import numpy as np
 
+SAME_STEP = 1e-9  # relative: times are rounded, and no exponential is taken anew for that
+
 
 @numba.njit(cache=True, nogil=True)
 def off(time, x, tau):
@@ -20,7 +22,7 @@ def off(time, x, tau):
     """
     out = np.zeros(x.size)
     d = 0.0
-    known = -1.0
+    known = 0.0
     decay = hold = 0.0
     for n in range(1, x.size):
         step = time[n] - time[n - 1]
@@ -28,7 +30,7 @@ def off(time, x, tau):
             d -= x[n] - x[n - 1]
             out[n] = d
             continue
-        if step != known:
+        if abs(step - known) > SAME_STEP * known:
             known = step
             decay = math.exp(-step / tau)
             hold = -math.expm1(-step / tau) * tau / step
@@ -44,46 +46,44 @@ def lagged(time, x, tau):
 
 
 @numba.njit(cache=True, nogil=True)
-def relaxed(time, x, taus, weights):
-    """Weighted sum of lags of x, each less its value at the first sample, shape (n,)."""
-    out = np.zeros(x.size)
-    q = np.zeros(taus.size)
-    decay = np.zeros(taus.size)
-    known = -1.0
+def relaxations(time, x, taus, out):
+    """Lags of x, each less its value at the first sample, into ``out`` (n, taus.size)."""
+    count = taus.size
+    q = np.zeros(count)
+    decay = np.ones(count)
+    known = 0.0
+    out[0] = 0.0
     for n in range(1, x.size):
         step = time[n] - time[n - 1]
         if step > 0.0:
-            if step != known:
+            if abs(step - known) > SAME_STEP * known:
                 known = step
-                for k in range(taus.size):
+                for k in range(count):
                     decay[k] = math.exp(-step / taus[k])
             before = x[n - 1] - x[0]
             here = x[n] - x[0]
             slope = (here - before) / step
-            for k in range(taus.size):
+            for k in range(count):
                 slow = slope * taus[k]
                 q[k] = here - slow + (q[k] - before + slow) * decay[k]
-        total = 0.0
-        for k in range(taus.size):
-            total += weights[k] * q[k]
-        out[n] = total
-    return out
+        for k in range(count):
+            out[n, k] = q[k]
 
 
 @numba.njit(cache=True, nogil=True)
 def relaxed_rows(time, rows, taus, weights):
-    """`relaxed` of many signals at once, shape (k, n)."""
+    """Weighted sums of `relaxations` of many signals (k, n) at once, shape (k, n)."""
     k, n = rows.shape
     x = np.ascontiguousarray(rows.T)
     out = np.zeros((n, k))
     q = np.zeros((taus.size, k))
-    known = -1.0
+    known = 0.0
     decay = np.zeros(taus.size)
     hold = np.zeros(taus.size)
     for i in range(1, n):
         step = time[i] - time[i - 1]
         if step > 0.0:
-            if step != known:
+            if abs(step - known) > SAME_STEP * known:
                 known = step
                 for j in range(taus.size):
                     decay[j] = math.exp(-step / taus[j])

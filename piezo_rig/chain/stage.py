@@ -8,9 +8,9 @@ displacement at and after it). Both default to nothing.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from typing import Any, ClassVar
+from collections.abc import Callable, Hashable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +21,9 @@ from piezo_rig.chain.increments import Increment
 from piezo_rig.errors import InputError
 
 FloatArray = NDArray[np.float64]
+Made = TypeVar("Made")
 PLACES = ("drive", "actuator", "sensor", "acquisition")
+KEPT = 24
 
 
 @dataclass(frozen=True)
@@ -33,19 +35,45 @@ class Parameter:
     ci95: tuple[float, float] | None = None
 
 
+class Kept:
+    """What was made of something that stays as it is; the latest few things."""
+
+    def __init__(self) -> None:
+        self._known: dict[Hashable, Any] = {}
+
+    def get(self, key: Hashable, make: Callable[[], Made]) -> Made:
+        """What is known by a key, else what ``make`` makes; not to be written to."""
+        if key not in self._known:
+            made = make()
+            while len(self._known) >= KEPT:
+                self._known.pop(next(iter(self._known)))
+            self._known[key] = made
+        found: Made = self._known[key]
+        return found
+
+
 @dataclass(frozen=True, eq=False)
 class Signal:
     """What travels along the chain; all of shape (n,).
 
     ``drive_v`` is the drive on the actuator, ``displacement_um`` what has become of it so far.
+    ``of_drive`` keeps what stages make of time and drive alone, ``of_displacement`` what they
+    make of the displacement too.
     """
 
     time_s: FloatArray
     drive_v: FloatArray
     displacement_um: FloatArray
+    of_drive: Kept = field(default_factory=Kept, repr=False)
+    of_displacement: Kept = field(default_factory=Kept, repr=False)
 
-    def with_(self, **changes: FloatArray) -> Signal:
-        return replace(self, **changes)
+    def with_drive(self, drive_v: FloatArray) -> Signal:
+        """The signal with another drive."""
+        return Signal(self.time_s, drive_v, self.displacement_um)
+
+    def with_displacement(self, displacement_um: FloatArray) -> Signal:
+        """The signal with another displacement."""
+        return Signal(self.time_s, self.drive_v, displacement_um, self.of_drive)
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,7 +156,7 @@ class Stage:
         size = 1e-3 * max(float(np.ptp(signal.displacement_um)), 1e-9)
         for k, change in enumerate(changes):
             step = size / max(float(np.ptp(change)), 1e-30)
-            moved = signal.with_(displacement_um=signal.displacement_um + step * change)
+            moved = signal.with_displacement(signal.displacement_um + step * change)
             out[k] = (self.act(moved).displacement_um - plain) / step
         return out
 

@@ -13,12 +13,13 @@ the fitted null, its tail from a gamma law.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
-from scipy.linalg import cholesky, solve_triangular
+from scipy.linalg import lapack
 
 from piezo_rig.diagnosis.space import Linear
 
@@ -27,6 +28,65 @@ NULLS = 200
 BASE_CUT = 1e-11  # eigenvalues of the scaled base Gram below this are not directions of it
 KEEP = 1e-9
 GRID = np.concatenate([[0.0], 7.0 ** np.arange(-1.0, 6.0)])  # of variance, in units below
+Cell = tuple[int, int]  # of the grid of both scales
+STARTS = (0, 4)  # scales of the fine thresholds that a climb looks at first
+SAME = 1e-4  # of the largest singular value: columns that only repeat others
+
+
+class Row(NamedTuple):
+    """The covariance at one scale of the fine thresholds and none of the dictionary.
+
+    ``lower`` (m, m) its Cholesky factor, ``log_det`` of it; ``turned`` (u, m) the dictionary's
+    principal directions whitened by it, with their squared lengths ``square`` (u,)
+    """
+
+    lower: FloatArray
+    log_det: float
+    turned: FloatArray
+    square: FloatArray
+
+
+class Covariance:
+    """Noise, fine thresholds, dictionary and assumed laws together, as the two scales say.
+
+    One Cholesky factor per scale of the fine thresholds serves all scales of the dictionary: in
+    its principal directions that only adds to a diagonal. They are kept.
+    """
+
+    def __init__(self, fine: FloatArray, generic: FloatArray, law: FloatArray) -> None:
+        self._fine, self._generic = fine @ fine.T, generic
+        self._rest = np.eye(fine.shape[0]) + law @ law.T
+        self._rows: dict[float, Row | None] = {}
+
+    def of(self, scales: tuple[float, float]) -> FloatArray:
+        """Shape (m, m)."""
+        out = scales[0] * self._fine
+        out += self._rest
+        if scales[1]:
+            out += scales[1] * (self._generic @ self._generic.T)
+        return out
+
+    def factor(self, scales: tuple[float, float]) -> FloatArray | None:
+        """Lower Cholesky factor (m, m); None where rounding decides whether there is one."""
+        lower, bad = lapack.dpotrf(self.of(scales).T, lower=1, overwrite_a=1)
+        return lower if bad == 0 else None
+
+    def row(self, scale: float) -> Row | None:
+        """For a scale of the fine thresholds; None where rounding decides."""
+        if scale not in self._rows:
+            lower = self.factor((scale, 0.0))
+            self._rows[scale] = None if lower is None else self._row(lower)
+        return self._rows[scale]
+
+    def _row(self, lower: FloatArray) -> Row:
+        white, _ = lapack.dtrtrs(lower, self._generic, lower=1)
+        square, vector = np.linalg.eigh(white.T @ white)
+        log_det = 2.0 * float(np.sum(np.log(np.diag(lower))))
+        return Row(lower, log_det, vector.T @ white.T, np.maximum(square, 0.0))
+
+    def forget(self) -> None:
+        """Let go of what is kept."""
+        self._rows.clear()
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,6 +101,7 @@ class Reduced:
     z : shape (m,), the residual
     extra : scalar, squared length of the residual outside of the basis
     unit_fine, unit_generic : variance at which the set explains as much as the noise, on average
+    covariance : of the residual; the same object for every residual of the same columns
     """
 
     fine: FloatArray
@@ -51,6 +112,35 @@ class Reduced:
     extra: float
     unit_fine: float
     unit_generic: float
+    covariance: Covariance
+
+
+@dataclass(frozen=True, eq=False)
+class Axes:
+    """How the columns of a `Linear` are reduced, whatever the residual.
+
+    Attributes
+    ----------
+    base, rest : which columns are projected off, and which are left
+    off : shape (d, base), the base's orthonormal directions
+    cross : shape (d, rest), what the columns that are left have of them
+    axes : shape (m, rest), the orthonormal basis of what is then left of those
+    reduced : everything but the residual
+    """
+
+    base: NDArray[np.int64]
+    rest: NDArray[np.int64]
+    off: FloatArray
+    cross: FloatArray
+    axes: FloatArray
+    reduced: Reduced
+
+    def with_residual(self, residual: FloatArray) -> Reduced:
+        """The residual reduced as well, from its products (c + 1,) as `Linear` has them."""
+        followed = self.off @ residual[self.base]
+        z = self.axes @ (residual[self.rest] - self.cross.T @ followed)
+        extra = float(residual[-1] - followed @ followed - z @ z)
+        return replace(self.reduced, z=z, extra=max(extra, 0.0))
 
 
 def reduce(
@@ -63,46 +153,57 @@ def reduce(
     pieces : which pieces' Gram matrices to use; all by default
     free : base columns that are NOT projected off but handed on behind the trials
     """
-    gram = (linear.white if pieces is None else linear.white[list(pieces)]).sum(axis=0)
+    used = slice(None) if pieces is None else list(pieces)
+    key = (None if pieces is None else tuple(pieces), tuple(free))
+    if key not in linear.axes:
+        linear.axes[key] = _axes(linear, linear.white[used].sum(axis=0), free)
+    axes: Axes = linear.axes[key]
+    return axes.with_residual(linear.residual[used].sum(axis=0))
+
+
+def _axes(linear: Linear, gram: FloatArray, free: Sequence[int]) -> Axes:
     lay = linear.layout
     all_base = np.delete(np.arange(lay.base + lay.powers), lay.base + np.arange(lay.twice))
     base = np.setdiff1d(all_base, np.asarray(free, int))
     rest = np.concatenate([
-        np.arange(lay.part("fine").start, lay.part("trials").start),
-        np.arange(*lay.part("trials").indices(10**9)), np.asarray(free, int),
-        [gram.shape[0] - 1],
+        np.arange(lay.part("fine").start, lay.part("trials").stop), np.asarray(free, int),
     ]).astype(int)  # fmt: skip
-    left = gram[np.ix_(rest, rest)]
+    columns = gram[np.ix_(rest, rest)]
+    off, cross = np.zeros((0, 0)), np.zeros((0, rest.size))
     if base.size:
         scale = 1.0 / np.sqrt(np.maximum(np.diag(gram)[base], 1e-300))
         b = gram[np.ix_(base, base)] * np.outer(scale, scale)
         value, vector = np.linalg.eigh(b)
         good = value > BASE_CUT * value[-1]
-        half = (vector[:, good] / np.sqrt(value[good])).T * scale
-        cross = half @ gram[np.ix_(base, rest)]
-        left = left - cross.T @ cross
+        off = (vector[:, good] / np.sqrt(value[good])).T * scale
+        cross = off @ gram[np.ix_(base, rest)]
+        columns = columns - cross.T @ cross
     f, u = lay.fine, lay.generic
-    columns = left[:-1, :-1]
     size = np.sqrt(np.maximum(np.diag(columns), 0.0))
     norm = np.where(size > 0, size, 1.0)
     value, vector = np.linalg.eigh(columns / np.outer(norm, norm))
     good = value > KEEP * max(value[-1], 1e-300)
-    axes = vector[:, good] / np.sqrt(value[good])
-    coordinates = (axes / norm[:, None]).T @ columns
-    z = (axes / norm[:, None]).T @ left[:-1, -1]
+    root = np.sqrt(value[good])
+    axes = ((vector[:, good] / root) / norm[:, None]).T
+    coordinates = (vector[:, good] * root * norm[:, None]).T
     fine, generic = coordinates[:, :f], coordinates[:, f : f + u]
+    law = generic[:, linear.law > 0] * np.sqrt(linear.law[linear.law > 0])
+    return Axes(base, rest, off, cross, axes, Reduced(
+        fine, generic, coordinates[:, f + u :], law, np.zeros(0), 0.0,
+        _unit(columns[:f, :f], root.size), _unit(columns[f : f + u, f : f + u], root.size),
+        Covariance(fine, generic, law),
+    ))  # fmt: skip
 
-    def unit(x: FloatArray) -> float:
-        # variance at which the strongest tenth of the directions stand out of the noise
-        values = np.linalg.svd(x, compute_uv=False) ** 2 if x.size else np.zeros(1)
-        return 1.0 / max(float(np.mean(values[: max(3, values.size // 10)])), 1e-300)
 
-    return Reduced(
-        fine, generic, coordinates[:, f + u :],
-        generic[:, linear.law > 0] * np.sqrt(linear.law[linear.law > 0]),
-        z, max(float(left[-1, -1] - z @ z), 0.0),
-        unit(fine), unit(generic),
-    )  # fmt: skip
+def _unit(gram: FloatArray, rank: int) -> float:
+    """Variance at which the strongest tenth of the directions stand out of the noise."""
+    values = np.linalg.eigvalsh(gram)[::-1] if gram.size else np.zeros(1)
+    return 1.0 / max(float(np.mean(values[: max(3, min(rank, values.size) // 10)])), 1e-300)
+
+
+def covariance_of(reduced: Reduced, scales: tuple[float, float]) -> FloatArray:
+    """Noise, fine thresholds and dictionary together, shape (m, m)."""
+    return reduced.covariance.of(scales)
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,26 +228,58 @@ class Scored:
     scales_with: FloatArray
 
 
-class Likelihood:
-    """Factors of the covariance on a grid of scales, for one reduced problem."""
+class Seen(NamedTuple):
+    """Data and trial columns at one pair of scales, whitened by them.
 
-    def __init__(self, reduced: Reduced, generic: bool = True) -> None:
+    ``plain`` (k,) log-likelihood without any trial; ``gram`` (t, t) of the trials; ``along``
+    (t, k) their products with the data
+    """
+
+    plain: FloatArray
+    gram: FloatArray
+    along: FloatArray
+
+
+class Likelihood:
+    """The likelihood on a grid of scales, for one reduced problem.
+
+    Where the residual alone is asked for, the grid is climbed; a score takes all of it.
+    """
+
+    def __init__(self, reduced: Reduced) -> None:
         self.reduced = reduced
-        first = reduced.fine @ reduced.fine.T
-        second = reduced.generic @ reduced.generic.T
-        self.grid: list[tuple[float, float]] = []
-        self.factor: list[FloatArray] = []
-        self.logdet: list[float] = []
-        eye = np.eye(reduced.z.size) + reduced.law @ reduced.law.T
-        for a in GRID * reduced.unit_fine:
-            for b in GRID * reduced.unit_generic if generic else (0.0,):
-                try:
-                    lower = cholesky(eye + a * first + b * second, lower=True, check_finite=False)
-                except np.linalg.LinAlgError:  # scales so far apart that rounding decides
-                    continue
-                self.grid.append((float(a), float(b)))
-                self.factor.append(lower)
-                self.logdet.append(2.0 * float(np.sum(np.log(np.diag(lower)))))
+        self._known: dict[int, list[Seen]] = {}
+
+    def _scales(self, cell: Cell) -> tuple[float, float]:
+        units = self.reduced.unit_fine, self.reduced.unit_generic
+        return float(GRID[cell[0]] * units[0]), float(GRID[cell[1]] * units[1])
+
+    def _seen(self, i: int, y: FloatArray) -> list[Seen]:
+        """Data (m, k) and all trials at a scale of the fine thresholds and each of the dictionary.
+
+        Empty where rounding decides.
+        """
+        row = self.reduced.covariance.row(self._scales((i, 0))[0])
+        if row is None:
+            return []
+        k, out = y.shape[1], []
+        both = np.empty((y.shape[0], k + self.reduced.trials.shape[1]), order="F")
+        both[:, :k], both[:, k:] = y, self.reduced.trials
+        white, _ = lapack.dtrtrs(row.lower, both, lower=1, overwrite_b=1)
+        w, t = white[:, :k], white[:, k:]
+        square, gram, along = np.sum(w * w, axis=0), t.T @ t, t.T @ w
+        parts = row.turned @ white
+        w, t = parts[:, :k], parts[:, k:]
+        for j in range(GRID.size):
+            scale = self._scales((i, j))[1]
+            share = scale / (1.0 + scale * row.square)
+            weighed = share[:, None] * t
+            log_det = row.log_det + float(np.sum(np.log1p(scale * row.square)))
+            out.append(Seen(
+                -0.5 * (square - share @ (w * w) + log_det),
+                gram - t.T @ weighed, along - weighed.T @ w,
+            ))  # fmt: skip
+        return out
 
     def score(
         self,
@@ -159,35 +292,18 @@ class Likelihood:
 
         ``owners`` : for every hypothesis the number of its cause, 0, 1, ..
         """
-        _, at = self._profile(self.reduced.z[:, None], ())
-        k = int(at[0])
-        drawn = self.factor[k] @ rng.standard_normal((self.reduced.z.size, nulls))
-        y = np.concatenate([self.reduced.z[:, None], drawn], axis=1)
+        z = self.reduced.z[:, None]
+        k = self.summit()
+        y = np.concatenate([z, self._drawn(k, rng, nulls)], axis=1)
         best_null = np.full(y.shape[1], -np.inf)
         best = np.full((len(hypotheses), y.shape[1]), -np.inf)
-        where = np.zeros(len(hypotheses), int)
-        alone = [h for h, columns in enumerate(hypotheses) if len(columns) == 1]
-        several = [h for h, columns in enumerate(hypotheses) if len(columns) > 1]
-        for g, lower in enumerate(self.factor):
-            both = solve_triangular(
-                lower,
-                np.concatenate([y, self.reduced.trials], axis=1),
-                lower=True,
-                check_finite=False,
-            )
-            w, t = both[:, : y.shape[1]], both[:, y.shape[1] :]
-            plain = -0.5 * (np.sum(w * w, axis=0) + self.logdet[g])
-            best_null = np.maximum(best_null, plain)
-            gained = np.empty_like(best)
-            ones = t[:, [hypotheses[h][0] for h in alone]]
-            size = np.sqrt(np.sum(ones * ones, axis=0))
-            gained[alone] = ((ones / np.where(size > 0, size, 1.0)).T @ w) ** 2
-            for h in several:
-                q = _orthonormal(t[:, list(hypotheses[h])])
-                gained[h] = np.sum((q.T @ w) ** 2, axis=0)
-            value = plain + 0.5 * gained
-            where[value[:, 0] > best[:, 0]] = g
-            best = np.maximum(best, value)
+        where = np.zeros((len(hypotheses), 2), int)
+        for i in range(GRID.size):
+            for j, seen in enumerate(self._seen(i, y)):
+                best_null = np.maximum(best_null, seen.plain)
+                value = seen.plain + 0.5 * _gained(seen, hypotheses)
+                where[value[:, 0] > best[:, 0]] = i, j
+                best = np.maximum(best, value)
         owner = np.asarray(owners, int)
         causes = int(owner.max()) + 1
         ratio = np.full((causes, y.shape[1]), -np.inf)
@@ -200,69 +316,97 @@ class Likelihood:
             np.array([tail(r[0], r[1:]) for r in ratio]),
             np.median(ratio[:, 1:], axis=1),
             chosen,
-            self.grid[k],
-            np.array([self.grid[where[h]] for h in chosen]).reshape(-1, 2),
+            self._scales(k),
+            np.array([self._scales((where[h, 0], where[h, 1])) for h in chosen]).reshape(-1, 2),
         )
 
     def score_generic(self, rng: np.random.Generator, nulls: int = NULLS) -> tuple[float, float]:
         """Log-likelihood ratio of the dictionary's scale against 0, and its p-value."""
-        zero = [i for i, (_, b) in enumerate(self.grid) if b == 0.0]
-        value = np.array([self._value(i, self.reduced.z[:, None])[0] for i in zero])
-        k = zero[int(np.argmax(value))]
-        y = np.concatenate(
-            [
-                self.reduced.z[:, None],
-                self.factor[k] @ rng.standard_normal((self.reduced.z.size, nulls)),
-            ],
-            axis=1,
-        )
+        rows = range(GRID.size)
+        k = max(rows, key=lambda i: self._values(i)[0]), 0
+        y = np.concatenate([self.reduced.z[:, None], self._drawn(k, rng, nulls)], axis=1)
         null = np.full(y.shape[1], -np.inf)
         full = np.full(y.shape[1], -np.inf)
-        for g in range(len(self.factor)):
-            v = self._value(g, y)
-            full = np.maximum(full, v)
-            if self.grid[g][1] == 0.0:
-                null = np.maximum(null, v)
+        for i in rows:
+            for j, seen in enumerate(self._seen(i, y)):
+                full = np.maximum(full, seen.plain)
+                if j == 0:
+                    null = np.maximum(null, seen.plain)
         ratio = full - null
         return float(ratio[0]), tail(float(ratio[0]), ratio[1:])
 
+    def _drawn(self, cell: Cell, rng: np.random.Generator, count: int) -> FloatArray:
+        """Residuals (m, count) such as a pair of scales makes expect."""
+        factor = self.reduced.covariance.factor(self._scales(cell))
+        assert factor is not None
+        return np.asarray(factor @ rng.standard_normal((self.reduced.z.size, count)))
+
     def evidence(self, columns: Sequence[int] = ()) -> float:
         """Log of the likelihood of all data with some trial columns free, scales profiled."""
-        values, _ = self._profile(self.reduced.z[:, None], columns)
-        return float(values[0]) - 0.5 * self.reduced.extra
+        i, j = self.summit(columns)
+        return self._values(i, columns)[j] - 0.5 * self.reduced.extra
 
     def best_scales(self, columns: Sequence[int] = ()) -> tuple[float, float]:
         """Profiled scales with some trial columns free."""
-        _, at = self._profile(self.reduced.z[:, None], columns)
-        return self.grid[int(at[0])]
+        return self._scales(self.summit(columns))
 
-    def _profile(
-        self, y: FloatArray, columns: Sequence[int]
-    ) -> tuple[FloatArray, NDArray[np.int64]]:
-        values = np.array([self._value(g, y, columns) for g in range(len(self.factor))])
-        return values.max(axis=0), values.argmax(axis=0)
+    def summit(self, columns: Sequence[int] = ()) -> Cell:
+        """Where on the grid the likelihood of the residual is largest, with some columns free.
 
-    def _value(self, g: int, y: FloatArray, columns: Sequence[int] = ()) -> FloatArray:
-        w = solve_triangular(self.factor[g], y, lower=True, check_finite=False)
-        value = -0.5 * (np.sum(w * w, axis=0) + self.logdet[g])
+        Climbed over the scale of the fine thresholds, with that of the dictionary profiled.
+        """
+        values: dict[int, list[float]] = {}
+
+        def best(i: int) -> float:
+            if i not in values:
+                values[i] = self._values(i, columns)
+            return max(values[i])
+
+        at = max(STARTS, key=best)
+        while True:
+            beside = [i for i in (at, at - 1, at + 1) if 0 <= i < GRID.size]
+            up = max(beside, key=best)
+            if up == at:
+                return at, int(np.argmax(values[at]))
+            at = up
+
+    def _values(self, i: int, columns: Sequence[int] = ()) -> list[float]:
+        """Log-likelihood of the residual along the grid, but for `Reduced.extra`."""
+        if i not in self._known:
+            self._known[i] = self._seen(i, self.reduced.z[:, None])
+        seen = self._known[i]
+        if not seen:
+            return [-np.inf] * GRID.size
+        plain = np.array([s.plain[0] for s in seen])
         if len(columns):
-            t = solve_triangular(
-                self.factor[g],
-                self.reduced.trials[:, list(columns)],
-                lower=True,
-                check_finite=False,
-            )
-            value = value + 0.5 * np.sum((_orthonormal(t).T @ w) ** 2, axis=0)
-        return np.asarray(value)
+            k = np.array(columns)
+            gram = np.array([s.gram[k[:, None], k] for s in seen])
+            plain = plain + 0.5 * _followed(gram, np.array([s.along[k] for s in seen]))[:, 0]
+        return [float(value) for value in plain]
 
 
-def _orthonormal(columns: FloatArray) -> FloatArray:
-    norm = np.sqrt(np.sum(columns**2, axis=0))
-    good = norm > 0
-    if not np.any(good):
-        return np.zeros((columns.shape[0], 0))
-    u, s, _ = np.linalg.svd(columns[:, good] / norm[good], full_matrices=False)
-    return u[:, s > 1e-4 * s[0]]
+def _gained(seen: Seen, hypotheses: Sequence[Sequence[int]]) -> FloatArray:
+    """Squared length (h, k) of the data's part along the columns of every hypothesis."""
+    out = np.zeros((len(hypotheses), seen.plain.size))
+    lengths = np.array([len(h) for h in hypotheses])
+    for n in set(lengths.tolist()) - {0}:
+        where = np.flatnonzero(lengths == n)
+        of = np.array([list(h) for h in hypotheses if len(h) == n])
+        out[where] = _followed(seen.gram[of[:, :, None], of[:, None, :]], seen.along[of])
+    return out
+
+
+def _followed(gram: FloatArray, along: FloatArray) -> FloatArray:
+    """Squared lengths (h, k) from Gram matrices (h, n, n) and products (h, n, k)."""
+    size = np.sqrt(np.diagonal(gram, axis1=1, axis2=2))
+    unit = 1.0 / np.where(size > 0, size, 1.0)
+    along = along * unit[:, :, None]
+    if gram.shape[1] == 1:
+        return np.asarray(along[:, 0] ** 2)
+    value, vector = np.linalg.eigh(gram * unit[:, :, None] * unit[:, None, :])
+    good = value > SAME**2 * value[:, -1:]
+    share = np.where(good, 1.0 / np.where(good, value, 1.0), 0.0)
+    return np.asarray(np.sum(share[:, :, None] * (vector.transpose(0, 2, 1) @ along) ** 2, axis=1))
 
 
 def tail(value: float, nulls: FloatArray) -> float:

@@ -20,6 +20,7 @@ FloatArray = NDArray[np.float64]
 RAISED = 1.5  # standard errors
 PER_DECADE = 4  # corners of the smooth curve
 BINS = 80
+AT_ONCE = 8  # rows that are filtered together: more do not fit the processor's cache
 LEAST = 1e-12  # of the largest periodogram value: exact data have no noise
 
 
@@ -120,6 +121,9 @@ class Whitener:
     def __init__(self, spectrum: Spectrum, raised: float = RAISED) -> None:
         self.spectrum, self.raised = spectrum, raised
         self._filters: dict[int, tuple[int, FloatArray]] = {}
+        self._ones: dict[int, FloatArray] = {}
+        curve = spectrum.log_power + raised * spectrum.error
+        self._even = float(np.exp(-0.5 * curve[0])) if np.ptp(curve) == 0.0 else None
 
     def _filter(self, n: int) -> tuple[int, FloatArray]:
         if n not in self._filters:
@@ -140,9 +144,24 @@ class Whitener:
 
     def __call__(self, values: FloatArray) -> FloatArray:
         """Filtered along the last axis; shape (..., n)."""
+        if self._even is not None:
+            return self._even * values
         n = values.shape[-1]
         size, response = self._filter(n)
-        return fft.irfft(fft.rfft(values, size, axis=-1) * response, size, axis=-1)[..., :n]
+        out = np.empty(values.shape)
+        rows, filtered = values.reshape(-1, n), out.reshape(-1, n)
+        for begin in range(0, rows.shape[0], AT_ONCE):
+            some = slice(begin, begin + AT_ONCE)
+            turned = fft.rfft(rows[some], size, axis=-1)
+            turned *= response
+            filtered[some] = fft.irfft(turned, size, axis=-1, overwrite_x=True)[:, :n]
+        return out
+
+    def ones(self, n: int) -> FloatArray:
+        """A constant of 1, filtered, shape (n,); not to be written to."""
+        if n not in self._ones:
+            self._ones[n] = self(np.ones(n))
+        return self._ones[n]
 
     def coloured(self, n: int, rng: np.random.Generator) -> FloatArray:
         """A realisation of the noise, shape (n,); stationary."""

@@ -12,12 +12,13 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg import lapack
 
 from piezo_rig.causes.cause import Cause
 from piezo_rig.chain import Model, Stage
 from piezo_rig.diagnosis.fit import Point, smoothness
 from piezo_rig.diagnosis.likelihood import Likelihood, Reduced, reduce
+from piezo_rig.diagnosis.likelihood import covariance_of as covariance_of
 from piezo_rig.diagnosis.space import Linear, Space
 from piezo_rig.errors import InputError
 
@@ -131,19 +132,12 @@ def _optional(point: Point, id: str, name: str) -> bool:
 def _information(
     reduced: Reduced, columns: FloatArray, scales: tuple[float, float]
 ) -> tuple[FloatArray, FloatArray]:
-    factor = cho_factor(covariance_of(reduced, scales))
-    solved = cho_solve(factor, np.column_stack([columns, reduced.z]))
+    factor = reduced.covariance.factor(scales)
+    if factor is None:
+        raise np.linalg.LinAlgError("the covariance has no factor")
+    both = np.column_stack([columns, reduced.z])
+    solved, _ = lapack.dpotrs(factor, both, lower=1)
     return columns.T @ solved[:, :-1], columns.T @ solved[:, -1]
-
-
-def covariance_of(reduced: Reduced, scales: tuple[float, float]) -> FloatArray:
-    """Noise, fine thresholds and dictionary together, shape (m, m)."""
-    return (
-        np.eye(reduced.z.size)
-        + reduced.law @ reduced.law.T
-        + scales[0] * reduced.fine @ reduced.fine.T
-        + scales[1] * reduced.generic @ reduced.generic.T
-    )
 
 
 def refit(space: Space, point: Point, steps: int = STEPS, held: bool = False) -> Fitted:
@@ -181,7 +175,9 @@ def refit(space: Space, point: Point, steps: int = STEPS, held: bool = False) ->
     likelihood, columns = _likelihood(point, linear)
     used = [c for c, (id, n) in zip(columns, point.names, strict=True)
             if not (held and _optional(point, id, n))]  # fmt: skip
-    return Fitted(point, linear, covariance, scales, likelihood.evidence(used))
+    evidence = likelihood.evidence(used)
+    likelihood.reduced.covariance.forget()
+    return Fitted(point, linear, covariance, scales, evidence)
 
 
 def known_of(space: Space, point: Point) -> FloatArray:

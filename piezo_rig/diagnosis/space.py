@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +24,7 @@ from piezo_rig.diagnosis.noise import Whitener
 
 FloatArray = NDArray[np.float64]
 MOST_KNOWN, MOST_BANDS = 4, 6  # kept
+MOST_GIVEN = 4  # of every group
 NEAR = 0.15  # columns of a model whose numbers are this near serve as well
 THREADS = 2
 Key = tuple[object, ...]
@@ -70,7 +71,7 @@ class Bands:
 
 @dataclass(frozen=True, eq=False)
 class Layout:
-    """Where which columns are: base, powers, fine, generic, trials, residual.
+    """Where which columns are: base, powers, fine, generic, trials.
 
     ``twice`` : how many of the powers the base holds already, as coefficients of a bend. Projected
     off once more they would take along what rounding makes of them.
@@ -90,13 +91,14 @@ class Layout:
             if key == name:
                 return slice(at, at + n)
             at += n
-        return slice(at, at + 1)  # residual
+        raise KeyError(name)
 
 
 class _Row(NamedTuple):
     """Of one piece: what `Linear` holds of all."""
 
     white: FloatArray
+    residual: FloatArray
     raw: FloatArray
     weight: float
     rows: tuple[FloatArray, FloatArray]
@@ -108,22 +110,26 @@ class Linear:
 
     Attributes
     ----------
-    white : shape (k, c, c), columns as `Layout` says, last the residual
+    white : shape (k, c, c), columns as `Layout` says
+    residual : shape (k, c + 1), its products with the columns, and with itself
     raw : shape (k, p + 1, p + 1), unwhitened base columns and residual, um^2 summed over samples
     count : shape (k,), recordings x thinned samples
     law : shape (generic,), variance of each dictionary column that the freedom of the accepted
         causes' assumed laws gives it, um^2
     made_for : which columns of the space they are about
     rows : per piece the whitened and the unwhitened base columns, for another residual
+    axes : of `likelihood.reduce`, which do not depend on the residual
     """
 
     layout: Layout
     white: FloatArray
+    residual: FloatArray
     raw: FloatArray
     count: FloatArray
     law: FloatArray
     rows: tuple[tuple[FloatArray, FloatArray], ...] = ()
     made_for: Key = ()
+    axes: dict[Key, Any] = field(default_factory=dict)
 
 
 @dataclass(eq=False)
@@ -147,6 +153,8 @@ class Space:
     _known: dict[Key, tuple[Model, list[Fixed], tuple[int, int, int]]] = field(default_factory=dict)
     _bands: dict[Key, list[Bands]] = field(default_factory=dict)
     _made_for: Key = ()
+    _of_given: dict[Key, Any] = field(default_factory=dict)
+    _tangents: dict[int, tuple[Group, Point, FloatArray]] = field(default_factory=dict)
 
     @property
     def noise_nm(self) -> float:
@@ -175,19 +183,19 @@ class Space:
             old = next(iter(self._known))
             self._known.pop(old)
             self._bands = {k: v for k, v in self._bands.items() if k[0] != old}
+        self._forget_oldest()
         every = [_driven(group, model) for group in self.groups.groups]
         tight = self.held and not self.loose
         left = held.bends_left(self.groups, every, model, self.scales) if tight else []
 
         def of(index: int) -> list[tuple[int, Fixed]]:
             group, made = self.groups.groups[index], []
-            plays = dictionary.fine(every[index], self.scales, self.first_rise)
+            powers, plays = self._of_drive(index, every[index])
             if tight:
-                columns = np.concatenate([left[index], self.groups.thinned(group, plays)])
+                columns = np.concatenate([left[index], plays])
             else:
-                powers = dictionary.powers(every[index], self.scales)
                 smooth = dictionary.smooth(plays, self.scales, self.first_rise)
-                columns = self.groups.thinned(group, np.concatenate([powers, smooth, plays]))
+                columns = np.concatenate([powers, smooth, plays])
             moved = self._carried(model, group, columns)
             for at, piece in enumerate(self.pieces):
                 if piece.group != index:
@@ -195,7 +203,7 @@ class Space:
                 generic = self.generic[at]
                 white, raw = self._kept(moved[:, piece.begin : piece.end], group)
                 cross = white @ generic.white.T
-                gram = np.block([[white @ white.T, cross], [cross.T, generic.gram]])
+                gram = _joined(white @ white.T, cross, generic.gram)
                 made.append((moved.shape[0] - plays.shape[0], Fixed(
                     np.concatenate([white, generic.white]), gram,
                     np.concatenate([raw, generic.raw]),
@@ -208,6 +216,41 @@ class Space:
         fine = self.fixed[0].white.shape[0] - bends - len(self.tags) if found else 0
         self.counts = (bends, fine, len(self.tags))
         self._known[key] = (model, self.fixed, self.counts)
+
+    def _of_drive(self, index: int, driven: Group) -> tuple[FloatArray, FloatArray]:
+        """Powers and fine thresholds of a group's drive as it is delivered, thinned."""
+
+        def made() -> tuple[FloatArray, FloatArray]:
+            plays = dictionary.fine(driven, self.scales, self.first_rise)
+            powers = dictionary.powers(driven, self.scales)
+            return self.groups.thinned(driven, powers), self.groups.thinned(driven, plays)
+
+        if driven is not self.groups.groups[index]:
+            return made()
+        return self._kept_of(("drive", index, self.first_rise), made)
+
+    def _bare_bands(self, index: int, model: Model, tables: Key) -> FloatArray:
+        """Thinned displacement of the bands of all tables before any stage acts on it."""
+        group = self.groups.groups[index]
+
+        def made() -> FloatArray:
+            return self.groups.thinned(group, basis.bands(model, group))
+
+        if any(s.place == "drive" for s in model.stages):
+            return made()
+        return self._kept_of(("bands", index, tables, model.branches().keeps_ties), made)
+
+    def _kept_of(self, key: Key, make: Callable[[], Made]) -> Made:
+        """What is known of the given drives by a key, else what ``make`` makes."""
+        if key not in self._of_given:
+            self._of_given[key] = make()
+        found: Made = self._of_given[key]
+        return found
+
+    def _forget_oldest(self) -> None:
+        """Make room for a set of every group, before threads ask for it."""
+        while len(self._of_given) > MOST_GIVEN * len(self.groups.groups):
+            self._of_given.pop(next(iter(self._of_given)))
 
     def about(self, point: Point, linear: Linear) -> Linear:
         """Gram matrices about a point: those of a point near by, if of the same columns."""
@@ -247,9 +290,11 @@ class Space:
 
     def whiten(self, rows: FloatArray, weight: float) -> FloatArray:
         """Whitened rows with the piece's offset projected out."""
-        one = self.whitener(np.ones(rows.shape[1]))
+        one = self.whitener.ones(rows.shape[1])
         white = self.whitener(rows)
-        return weight * (white - np.outer(white @ one, one) / float(one @ one))
+        white -= np.outer(white @ one / float(one @ one), one)
+        white *= weight
+        return white
 
     def linear(self, point: Point, trials: Sequence[tuple[Model, Model]] = ()) -> Linear:
         """Gram matrices about a point.
@@ -269,7 +314,8 @@ class Space:
         found = self._each_group(about)
         law = self.law if self.law.size else np.zeros(self.counts[2])
         return Linear(
-            layout, np.array([r.white for r in found]), np.array([r.raw for r in found]),
+            layout, np.array([r.white for r in found]), np.array([r.residual for r in found]),
+            np.array([r.raw for r in found]),
             np.array([r.weight for r in found]), law, tuple(r.rows for r in found), self._made_for,
         )  # fmt: skip
 
@@ -292,14 +338,15 @@ class Space:
             k = len(base.white)
             white = self.whiten(cut, np.sqrt(group.repeats))
             known = base.white @ white.T
-            gram = np.block([[base.gram, known], [known.T, white @ white.T]])
+            gram = _joined(base.gram, known, white @ white.T)
             cross = np.concatenate([base.cross, white @ fixed.white.T])
             own = np.concatenate([cut[: p - k], cut[-1:]])
             own = own - own.mean(axis=1, keepdims=True)
             known = base.raw @ own.T
             out.append(_Row(
-                _assembled(gram, cross, fixed.gram, p, len(trials)),
-                group.repeats * np.block([[base.raw_gram, known], [known.T, own @ own.T]]),
+                _assembled(gram[:-1, :-1], cross[:-1], fixed.gram, p),
+                np.concatenate([gram[-1, :p], cross[-1], gram[-1, p:]]),
+                group.repeats * _joined(base.raw_gram, known, own @ own.T),
                 float(group.repeats * cut.shape[1]),
                 (np.concatenate([base.white, white[: p - k]]),
                  np.concatenate([base.raw, own[:-1]])),
@@ -311,7 +358,7 @@ class Space:
 
         ``leave`` : number of the recording of every group that is left out of its mean
         """
-        white, raw, at = linear.white.copy(), linear.raw.copy(), 0
+        residual, raw, at = linear.residual.copy(), linear.raw.copy(), 0
         p = linear.layout.base
         for index, group in enumerate(self.groups.groups):
             rows = group.measured_um
@@ -325,21 +372,21 @@ class Space:
                 cut = left[piece.begin : piece.end]
                 r = self.whiten(cut[None], np.sqrt(group.repeats))[0]
                 columns, own = linear.rows[at]
-                cross = np.concatenate([columns @ r, self.fixed[at].white @ r])
-                white[at, :-1, -1] = white[at, -1, :-1] = cross
-                white[at, -1, -1] = r @ r
+                residual[at] = np.concatenate([columns @ r, self.fixed[at].white @ r, [r @ r]])
                 cut = cut - cut.mean()
                 raw[at, :p, -1] = raw[at, -1, :p] = group.repeats * own @ cut
                 raw[at, -1, -1] = group.repeats * cut @ cut
                 at += 1
-        return replace(linear, white=white, raw=raw)
+        return replace(linear, residual=residual, raw=raw)
 
     def moving(
         self, group: Group, point: Point, trials: Sequence[tuple[Model, Model]]
     ) -> FloatArray:
         """Thinned tangent of all but the bands, trial signatures, residual of one group."""
-        predicted, tangent = point.tangent(group, point.compliances)
-        rows = [tangent]
+        tangent = self._tangent(group, point)
+        group.remember(point.model)
+        predicted = group.predicted(point.model)
+        rows = []
         known: dict[int, FloatArray] = {id(point.model): predicted}
         for before, after in trials:
             if id(before) not in known:
@@ -347,7 +394,16 @@ class Space:
             rows.append((group.predicted_once(after) - known[id(before)])[None])
         mean = group.measured_um.mean(axis=0)
         rows.append((mean - predicted)[None])
-        return self.groups.thinned(group, np.concatenate(rows))
+        return np.concatenate([tangent, self.groups.thinned(group, np.concatenate(rows))])
+
+    def _tangent(self, group: Group, point: Point) -> FloatArray:
+        """Thinned tangent of all but the bands; that of the latest point is kept."""
+        latest = self._tangents.get(id(group))
+        if latest is None or latest[0] is not group or latest[1] is not point:
+            _, tangent = point.tangent(group, point.compliances)
+            latest = group, point, self.groups.thinned(group, tangent)
+            self._tangents[id(group)] = latest
+        return latest[2]
 
     def bands(self, point: Point) -> list[Bands]:
         """Derivatives by the compliances, piece by piece, as of the model that was prepared."""
@@ -355,13 +411,15 @@ class Space:
         if not point.tables:
             return [_no_bands(p.end - p.begin, len(f.white))
                     for p, f in zip(self.pieces, self.fixed, strict=True)]  # fmt: skip
-        tables = [s.elements.knots_v.round(9).tobytes() for s in point.tables if s.elements]
-        key = (self._made_for, *tables)
+        own = tuple(s.elements.knots_v.round(9).tobytes() for s in point.tables if s.elements)
+        key = (self._made_for, *own)
         if key in self._bands:
             return self._bands[key]
         while len(self._bands) >= MOST_BANDS:
             self._bands.pop(next(iter(self._bands)))
+        self._forget_oldest()
         model = _with_tables(self._prepared, point.model)
+        tables = tuple(s.elements.knots_v.round(9).tobytes() for s in model.stages if s.elements)
         mine = np.concatenate([
             np.full(len(s.elements), s.id not in point.fixed)
             for s in model.stages if s.elements is not None
@@ -369,8 +427,8 @@ class Space:
 
         def of(index: int) -> list[Bands]:
             group, made = self.groups.groups[index], []
-            free = basis.bands(model, group)[mine]
-            moved = self._carried(model, group, self.groups.thinned(group, free))
+            free = self._bare_bands(index, model, tables)[mine]
+            moved = self._carried(model, group, free)
             for at, piece in enumerate(self.pieces):
                 if piece.group != index:
                     continue
@@ -441,14 +499,22 @@ def _with_tables(model: Model, of: Model) -> Model:
     return out
 
 
-def _assembled(own: FloatArray, cross: FloatArray, fixed: FloatArray, p: int, t: int) -> FloatArray:
-    """Columns in the order base, fixed, trials, residual."""
+def _assembled(own: FloatArray, cross: FloatArray, fixed: FloatArray, p: int) -> FloatArray:
+    """Columns in the order base, fixed, trials."""
     m = fixed.shape[0]
-    out = np.empty((p + m + t + 1, p + m + t + 1))
-    mine = np.concatenate([np.arange(p), np.arange(p + m, p + m + t + 1)])
-    theirs = np.arange(p, p + m)
-    out[np.ix_(mine, mine)] = own
-    out[np.ix_(mine, theirs)] = cross
-    out[np.ix_(theirs, mine)] = cross.T
-    out[np.ix_(theirs, theirs)] = fixed
+    out = np.empty((own.shape[0] + m, own.shape[0] + m))
+    base, theirs, rest = slice(0, p), slice(p, p + m), slice(p + m, None)
+    for mine, here in ((base, slice(0, p)), (rest, slice(p, None))):
+        out[mine, base], out[mine, rest] = own[here, :p], own[here, p:]
+        out[mine, theirs] = cross[here]
+        out[theirs, mine] = cross[here].T
+    out[theirs, theirs] = fixed
+    return out
+
+
+def _joined(first: FloatArray, cross: FloatArray, second: FloatArray) -> FloatArray:
+    """Gram matrix of two sets of columns together, from theirs and their products (a, b)."""
+    a = first.shape[0]
+    out = np.empty((a + second.shape[0], a + second.shape[0]))
+    out[:a, :a], out[:a, a:], out[a:, :a], out[a:, a:] = first, cross, cross.T, second
     return out

@@ -21,6 +21,7 @@ from piezo_rig.diagnosis.groups import Group, Groups
 
 FloatArray = NDArray[np.float64]
 OFF_HZ = np.linspace(-0.2, 0.2, 5)
+BESIDE = np.array([-4, -2, 2, 4])  # lines of a comb that are next to one
 AROUND = np.concatenate([-np.arange(4, 14), np.arange(4, 14)])  # resolution cells of the background
 INDEPENDENT = 10.8  # of the 20 cells of a Hann-windowed background
 PADDED = 8
@@ -93,20 +94,19 @@ def find_hum(groups: Groups, model: Model) -> Hum | None:
         orders = [k for k in ORDERS if k * fundamental < nyquist]
         if not orders:
             continue
-        for off in OFF_HZ:
-            f = fundamental + off
-            scores, share = [], 0.0
-            for k in orders:
-                score, share = _line(rows, k * f)
-                scores.append(score)
-            lone = float(stats.chi2.sf(2.0 * scores[0], 2.0 * share))
-            joint = float(stats.chi2.sf(2.0 * sum(scores), 2.0 * share * len(orders)))
+        at = fundamental + np.asarray(OFF_HZ, float)
+        scores, share = _line(rows, np.outer(at, orders))
+        for f, own in zip(at.tolist(), scores, strict=True):
+            lone = float(stats.chi2.sf(2.0 * own[0], 2.0 * share))
+            joint = float(stats.chi2.sf(2.0 * own.sum(), 2.0 * share * len(orders)))
             p = max(1e-300, 2.0 * min(lone, joint) * len(OFF_HZ) * len(FUNDAMENTALS_HZ))
             if best is None or p < best[0]:
                 best = (p, f)
     assert best is not None
-    fine = best[1] + np.arange(-25, 26) * 0.01
-    power = [sum(_line(rows, k * f)[0] for k in (1, 3) if k * f < nyquist) for f in fine]
+    fine = np.asarray(best[1] + np.arange(-25, 26) * 0.01, float)
+    power = np.zeros(fine.size)
+    for k in (1, 3):
+        power += np.where(k * fine < nyquist, _line(rows, k * fine)[0], 0.0)
     best = (best[0], float(fine[int(np.argmax(power))]))
     return removed(groups, model, best[1], best[0])
 
@@ -139,22 +139,22 @@ def _combs(group: Group) -> tuple[float, ...]:
     return tuple(found) or (0.5 / float(np.median(seconds)),)
 
 
-def _line(rows: list[Row], f: float) -> tuple[float, float]:
-    """Fisher's sum of -log p of a line, recording by recording, and how many those count as.
+def _line(rows: list[Row], f: FloatArray) -> tuple[FloatArray, float]:
+    """Fisher's sum of -log p of lines (any shape), recording by recording; as how many it counts.
 
     Every recording against its own background (power over background is F(2, 2 INDEPENDENT)):
     they last differently long, and a sum of powers would be that of the few shortest ones.
     """
-    score = share = 0.0
+    score, share = np.zeros(f.shape), 0.0
     for row in rows:
         cell = 1.0 / float(row.time_s[-1] - row.time_s[0])
-        level = float(np.mean(row.power(f + AROUND * cell)))
+        level = row.power(f[..., None] + AROUND * cell).mean(axis=-1)
         for comb in row.combs_hz:
             if row.share == 1.0 and comb > 2.0 * cell:
-                beside = row.power(np.abs(f + np.array([-4, -2, 2, 4]) * comb))
-                level = max(level, 2.0 * float(np.max(beside)))
-        ratio = float(row.power(f)) / max(level, 1e-300)
-        score += row.share * INDEPENDENT * float(np.log1p(ratio / INDEPENDENT))
+                beside = row.power(np.abs(f[..., None] + BESIDE * comb))
+                level = np.maximum(level, 2.0 * beside.max(axis=-1))
+        ratio = row.power(f) / np.maximum(level, 1e-300)
+        score += row.share * INDEPENDENT * np.log1p(ratio / INDEPENDENT)
         share += row.share
     return score, share
 
