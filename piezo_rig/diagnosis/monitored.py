@@ -9,6 +9,7 @@ from piezo_rig.causes.cause import Cause
 from piezo_rig.chain import Parameter, Stage
 from piezo_rig.diagnosis.climb import Step
 from piezo_rig.diagnosis.early import Reading
+from piezo_rig.diagnosis.early.monitor import LAG, SKEW
 from piezo_rig.diagnosis.fit import Point
 from piezo_rig.diagnosis.forms import beside_kinks
 from piezo_rig.diagnosis.likelihood import reduce
@@ -34,11 +35,12 @@ def taken_in(space: Space, first: Fitted, reading: Reading) -> tuple[list[Step],
         values = ", ".join(_said(n, p) for n, p in told.stage.reported(np.zeros((9, 9))).items())  # type: ignore[attr-defined]
         if d_prime < VISIBLE:
             notes.append(f"drive monitor: {id}, {values}: too small to be seen in the displacement")
-            if id != "time-skew":
+            if id != SKEW:
                 space.excluded[id] = f"the drive monitor shows {values}: too small to be seen"
             continue
         here = _with(space, here.point, told.stage)
         steps.append(Step(id, min(told.p_value, 1.0), here))
+    late = any(t.stage.id == SKEW for t in reading.told)
     for id, stages in reading.bounds.items():
         if here.point.model.stage(id) is not None:
             continue
@@ -49,7 +51,10 @@ def taken_in(space: Space, first: Fitted, reading: Reading) -> tuple[list[Step],
                 _said(n, p) for s in stages for n, p in s.parameters.items()
                 if p.value != kind.neutral.get(n)
             )  # fmt: skip
-            space.excluded[id] = f"the drive monitor shows none: it would have shown {least}"
+            space.excluded[id] = (
+                "the drive monitor shows no more than a delay" if id == LAG and late
+                else f"the drive monitor shows none: it would have shown {least}"
+            )
     return steps, notes
 
 

@@ -54,8 +54,7 @@ class Corners:
 
     def __post_init__(self) -> None:
         self.measured = [w.monitor_v[a:b] for w in self.drives for a, b in w.windows]
-        values = np.unique(np.concatenate(self.measured))
-        steps = np.diff(values)
+        steps = np.diff(np.unique(np.concatenate(self.measured)))
         steps = steps[steps > 1e-6]
         self.least_v = float(np.median(steps)) / STEPS if steps.size else 1e-6
         self.hear(None)
@@ -88,7 +87,7 @@ class Corners:
         return [*out, late]
 
     def _white(self, parts: Sequence[FloatArray]) -> FloatArray:
-        return np.concatenate([self.whitener(p) for p in parts])
+        return np.asarray(np.concatenate([self.whitener(p) for p in parts]), float)
 
     def seen(self, at: Sequence[At], delay_s: float) -> list[FloatArray]:
         """What the windows would hold of drives that are known at any instant."""

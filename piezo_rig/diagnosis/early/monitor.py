@@ -29,6 +29,7 @@ LAG, SLEW, CLIP, SKEW = "amplifier-lag", "slew-limit", "drive-clipping", "time-s
 TWICE = 2.0  # a rise and the next one share a digitizer's errors: every sample counts half
 PLAIN = 40.0  # rise of the misfit without a law that is there to be seen
 INSIDE, OUTSIDE = 3.84, 15.0  # rise of the misfit: of a 95 % interval; certainly not so
+LEAST = 1e-302  # chance that is told from none
 FOLLOWS = 0.03  # rms misfit, of the span, above which it is no monitor of this drive
 DIVIDER = 0.02  # gain's distance from 1 that is worth a word
 LATE = 8  # samples, to which a delay is looked for
@@ -230,7 +231,7 @@ class _Reader:
             self.hear(there)
             here, there = self.again(here), self.again(there)
             gained = (here.misfit - there.misfit) / TWICE
-            chance = float(stats.chi2.sf(gained, 2)) * count * len(GRIDS)
+            chance = max(float(stats.chi2.sf(gained, 2)), LEAST) * count * len(GRIDS)
             if not (chance < level and gained > PLAIN):
                 self.hear(here)
                 here = self.again(here)
@@ -273,7 +274,7 @@ class _Reader:
                 f"the drive monitor comes {1e3 * late:.4g} ms after the command: the whole record "
                 "is late by that, or the generator holds its samples"
             )
-            chance = float(stats.chi2.sf(gained, 1)) * count
+            chance = max(float(stats.chi2.sf(gained, 1)), LEAST) * count
             told.append(Told(CAUSES[SKEW].of(None, delay=late), chance))
         elif (zero - here.misfit) / TWICE > PLAIN and LAG not in here.laws:
             notes.append(
