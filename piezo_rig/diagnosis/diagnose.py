@@ -203,6 +203,11 @@ def diagnose(
         find_line(clean, last.point.model), floor,
     )  # fmt: skip
     advice = follow_up(space, last, confused)
+    if reading is None and any(
+        CAUSES[c].place == "drive" for cause, others in confused.items() if others
+        for c in (cause, *others)
+    ):
+        notes.append("a recorded drive monitor would say whether it is the amplifier")
     refused = ladder.scans[-1].refused if ladder.scans else {}
     return Diagnosis(
         len(sweeps), sum(s.samples for s in sweeps), raw.repeats, kind,

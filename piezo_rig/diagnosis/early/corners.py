@@ -93,7 +93,7 @@ class Corners:
         """What the windows would hold of drives that are known at any instant."""
         late = delay_s / self.step_s
         return [
-            f(np.arange(a, b) - late)
+            f(np.arange(a, b, dtype=float) - late)
             for f, w in zip(at, self.drives, strict=True) for a, b in w.windows
         ]  # fmt: skip
 
