@@ -2,7 +2,8 @@
 
 Physics: the amplifier's output resistance (or its current limit at small signals) charges the
 capacitance of the stack; tau = R C, with 1.5 uF and 10-100 ohm. Shown with the drive taken as
-commanded; where a drive monitor was recorded the lag can be read from it.
+commanded; where a drive monitor was recorded the lag is read from it, or ruled out by it. A lag
+of less than a third of a sampling step looks like a delay there as well.
 
 Shows as: loops that open in proportion to the speed of the drive, and rounded corners. Against a
 plain delay it differs only in the corners, within a few tau of them.

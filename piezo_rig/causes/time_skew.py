@@ -5,7 +5,9 @@ filter, or channels that are sampled one after the other delay the sensor agains
 
 Shows as: loops that open in proportion to the speed of the displacement, without any rounding of
 corners. A lag of the drive differs only within a few milliseconds of corners; several
-frequencies or a recorded drive monitor separate them.
+frequencies or a recorded drive monitor separate them. A record that begins late, and a generator
+that holds each sample until the next, delay monitor and sensor alike; the delay here is the whole
+one.
 
 Plausible: 10 us to 1 ms; tens of milliseconds for buffered sensors.
 """

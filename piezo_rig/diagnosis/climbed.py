@@ -9,11 +9,12 @@ import numpy as np
 
 from piezo_rig.chain import Model
 from piezo_rig.diagnosis import engine
-from piezo_rig.diagnosis.climb import Ladder, climb
-from piezo_rig.diagnosis.early import noise_floor_nm
+from piezo_rig.diagnosis.climb import Ladder, Step, climb
+from piezo_rig.diagnosis.early import Reading, noise_floor_nm
 from piezo_rig.diagnosis.fit import Point
 from piezo_rig.diagnosis.groups import Groups
 from piezo_rig.diagnosis.held_out import Errors, carried_over_nm, held_out_errors, reported_kind
+from piezo_rig.diagnosis.monitored import taken_in
 from piezo_rig.diagnosis.noise import Spectrum, Whitener
 from piezo_rig.diagnosis.refit import Fitted, refit
 from piezo_rig.diagnosis.space import Space
@@ -31,6 +32,8 @@ class Climbed:
     folds, kind : how things were held out for the climb, and for the figures
     floor_nm : noise of one recording; None without repeats
     repeated : whether the noise was measured between repeats
+    first : the baseline; the ladder is climbed from the last of ``monitored``
+    monitored, said : rungs that the drive monitor gives; what it shows beside
     """
 
     space: Space
@@ -38,6 +41,9 @@ class Climbed:
     kind: str
     floor_nm: float | None
     repeated: bool
+    first: Fitted
+    monitored: list[Step] = field(default_factory=list)
+    said: list[str] = field(default_factory=list)
     ladder: Ladder = field(init=False)
     _known: dict[int, tuple[Point, Errors]] = field(default_factory=dict)
 
@@ -50,11 +56,13 @@ class Climbed:
 
 
 def climbed(
-    clean: Groups, start: Point, rng: np.random.Generator, tell: Callable[[str], None], others: int
+    clean: Groups, start: Point, rng: np.random.Generator, tell: Callable[[str], None], others: int,
+    reading: Reading | None = None,
 ) -> Climbed:
     """The ladder of recordings that are clean of events and hum.
 
     ``others`` : causes that were tried elsewhere (on the raw recordings), for the correction
+    reading : of the drive monitor
     """
     tell("noise")
     spectrum = engine.repeat_spectrum(clean)
@@ -64,7 +72,12 @@ def climbed(
     space, folds = engine.space_of(clean, spectrum, start.model)
     first = refit(space, start)
     floor = noise_floor_nm(clean)
-    out = Climbed(space, folds, reported_kind(clean, folds), floor, repeated)
+    out = Climbed(space, folds, reported_kind(clean, folds), floor, repeated, first)
+    if reading is not None:
+        tell("what the drive monitor says")
+        out.monitored, out.said = taken_in(space, first, reading)
+        if out.monitored:
+            first = out.monitored[-1].fitted
 
     def reported(fitted: Fitted) -> float:
         return out.errors(fitted).rms_nm

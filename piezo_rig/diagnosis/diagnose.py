@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -16,7 +16,7 @@ from piezo_rig.diagnosis.checks import baseline_warnings, data_warnings
 from piezo_rig.diagnosis.climb import BEND
 from piezo_rig.diagnosis.climbed import climbed, plain_space
 from piezo_rig.diagnosis.confusion import confusion
-from piezo_rig.diagnosis.early import HUM, TRIED, clean_up, find_line, hum_again
+from piezo_rig.diagnosis.early import HUM, TRIED, clean_up, find_line, hum_again, read_monitor
 from piezo_rig.diagnosis.first_spring import offset_of, with_offset
 from piezo_rig.diagnosis.fit import Point, starting_model
 from piezo_rig.diagnosis.follow_up import FollowUp, follow_up
@@ -122,7 +122,11 @@ def diagnose(
     if found_early:
         clean = found_early[-1].groups
         start = refit(plain_space(clean, point.model), point)
-    search = climbed(clean, start.point, rng, tell, tried)
+    reading = read_monitor(clean, sweeps, SHARE * LEVEL, count)
+    if reading is not None:
+        notes += reading.notes
+        warnings += reading.warnings
+    search = climbed(clean, start.point, rng, tell, tried, reading)
     if found_early and found_early[-1].cause == HUM and search.ladder.steps:
         # hum was fitted to what the baseline left; most of that has an explanation now
         tell("hum once more")
@@ -130,11 +134,14 @@ def diagnose(
         found_early[-1] = hum_again(before, found_early[-1], search.ladder.last.point.model)
         clean = found_early[-1].groups
         start = refit(plain_space(clean, start.point.model), start.point)
-        search = climbed(clean, start.point, rng, tell, tried)
+        search = climbed(clean, start.point, rng, tell, tried, reading)
     early = [_early(f.cause, f.p_value, f.parameters) for f in found_early]
     stages = [(f.cause, f.groups) for f in found_early]
     space, ladder, kind, floor = search.space, search.ladder, search.kind, search.floor_nm
     folds, errors = search.folds, search.errors
+    monitored = search.monitored
+    steps = [*monitored, *ladder.steps]
+    notes += search.said
     if not search.repeated:
         notes.append("no repeats: the noise is estimated from what a generous model leaves, and "
                      "the noise floor is not known")  # fmt: skip
@@ -147,13 +154,13 @@ def diagnose(
     tell("held out")
     name = baseline if isinstance(baseline, str) else (baseline.name or "given model")
     rungs, gains = _rungs(
-        [name, *(cause for cause, _ in stages), *(s.cause for s in ladder.steps)],
-        [*(held_out_errors(space, ladder.first, kind, g) for g in (raw, *(g for _, g in stages))),
-         *(errors(s.fitted) for s in ladder.steps)],
+        [name, *(cause for cause, _ in stages), *(s.cause for s in steps)],
+        [*(held_out_errors(space, search.first, kind, g) for g in (raw, *(g for _, g in stages))),
+         *(errors(s.fitted) for s in steps)],
         rng,
     )  # fmt: skip
     if kind != folds and folds in ("condition", "sweep"):
-        ends = [held_out_errors(space, f, folds).rms_nm for f in (ladder.first, ladder.last)]
+        ends = [held_out_errors(space, f, folds).rms_nm for f in (search.first, ladder.last)]
         notes.append(
             f"on conditions that were left out of the fit: {ends[0]:.4g} nm with the baseline, "
             f"{ends[1]:.4g} nm with everything"
@@ -168,7 +175,7 @@ def diagnose(
     settle(space, last.point)
     model = final_model(last, name)
     confused: dict[str, list[str]] = {}
-    for i, step in enumerate(ladder.steps):
+    for i, step in enumerate(steps):
         if step.cause == BEND:
             notes.append(
                 "the base model has a memoryless bend: the actuator's reversible strain is not "
@@ -180,7 +187,7 @@ def diagnose(
         confused[step.cause] = [
             *found.alternatives,
             *(c for c in step.rivals if c not in members and c not in found.alternatives),
-        ]
+        ] if step not in monitored else []  # it was seen where none of those would show
         value, interval = gains[len(early) + i]
         findings.append(Finding(
             step.cause, CAUSES[step.cause].place, step.p_value,
@@ -196,15 +203,20 @@ def diagnose(
         find_line(clean, last.point.model), floor,
     )  # fmt: skip
     advice = follow_up(space, last, confused)
+    if reading is None and any(
+        CAUSES[c].place == "drive" for cause, others in confused.items() if others
+        for c in (cause, *others)
+    ):
+        notes.append("a recorded drive monitor would say whether it is the amplifier")
     refused = ladder.scans[-1].refused if ladder.scans else {}
     return Diagnosis(
         len(sweeps), sum(s.samples for s in sweeps), raw.repeats, kind,
-        recording_offsets(space, clean, ladder.first, sweeps), name, rungs, floor, findings, rest,
+        recording_offsets(space, clean, search.first, sweeps), name, rungs, floor, findings, rest,
         advice,
-        model, [*([ladder.first.point.model] * (1 + len(stages))),
-                *(s.fitted.point.model for s in ladder.steps)],
+        model, [*([search.first.point.model] * (1 + len(stages))),
+                *(s.fitted.point.model for s in steps)],
         notes, warnings, refused,
-        Workings((raw, *(g for _, g in stages), *(clean for _ in ladder.steps)), space, last),
+        Workings((raw, *(g for _, g in stages), *(clean for _ in steps)), space, last),
     )  # fmt: skip
 
 
@@ -261,7 +273,11 @@ def parameters_of(fitted: Fitted, cause: str, model: Model) -> dict[str, Paramet
         for b, other in enumerate(order):
             if name in index and other in index:
                 covariance[a, b] = fitted.covariance[index[name], index[other]]
-    said = stage.reported(covariance)
+    said = {
+        n: replace(p, ci95=stage.parameters[n].ci95)  # as the drive monitor has it
+        if n in stage.parameters and n not in index and p.ci95 is None else p
+        for n, p in stage.reported(covariance).items()
+    }  # fmt: skip
     begun = fitted.point.model.stage(cause)
     if isinstance(begun, FirstSpring) and not fitted.point.fixed:
         said["offset"] = offset_of(fitted, begun)

@@ -89,6 +89,9 @@ def candidates(space: Space, model: Model) -> tuple[list[Candidate], dict[str, s
     for id, kind in CAUSES.items():
         if not issubclass(kind, Cause) or model.stage(id) is not None:
             continue
+        if id in space.excluded:
+            refused[id] = space.excluded[id]
+            continue
         if kind.needs_first_rise and not space.groups.has_first_rise:
             refused[id] = "no first rise from rest in the data"
             continue

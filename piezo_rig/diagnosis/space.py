@@ -149,6 +149,7 @@ class Space:
     counts: tuple[int, int, int] = (0, 0, 0)
     law: FloatArray = field(default_factory=lambda: np.zeros(0))
     law_of: Model | None = None
+    excluded: dict[str, str] = field(default_factory=dict)  # causes not looked for, and why
     _prepared: Model | None = None
     _known: dict[Key, tuple[Model, list[Fixed], tuple[int, int, int]]] = field(default_factory=dict)
     _bands: dict[Key, list[Bands]] = field(default_factory=dict)

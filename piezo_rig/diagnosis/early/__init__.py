@@ -3,13 +3,16 @@
 `clean_up` runs the detectors in order. ``spikes`` finds outliers; ``breaks`` jumps of the
 interferometer and lost samples, with ``traces`` (what a recording has of its own), ``place`` (at
 which sample) and ``mended`` (the repair); ``hum`` the mains; ``lines`` any other line in clock
-time, for the verdict on the rest.
+time, for the verdict on the rest. ``monitor`` reads the drive monitor, with ``corners`` (where in
+it, and its noise).
 """
 
 from piezo_rig.diagnosis.early.clean_up import HUM, TRIED, Early, clean_up, hum_again
 from piezo_rig.diagnosis.early.lines import find_line
+from piezo_rig.diagnosis.early.monitor import Reading, read_monitor
 from piezo_rig.diagnosis.early.spikes import noise_floor_nm
 
 __all__ = [
-    "HUM", "TRIED", "Early", "clean_up", "find_line", "hum_again", "noise_floor_nm",
+    "HUM", "TRIED", "Early", "Reading", "clean_up", "find_line", "hum_again", "noise_floor_nm",
+    "read_monitor",
 ]  # fmt: skip

@@ -1,0 +1,380 @@
+"""What the drive monitor says of the amplifier: read from it, before anything is inferred.
+
+The monitor is fitted as ``a + g D(drive(t - delay))`` in its own noise, quantised and coloured as
+that may be: ``D`` does nothing, or is one or several of the amplifier's laws. Offset and gain are
+free, for nobody knows the monitor's divider; the delay is free, for a digitizer that starts late
+makes monitor and sensor late alike. See docs/decisions/0023.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import optimize, stats
+from scipy.signal import lfilter
+
+from piezo_rig.causes import CAUSES
+from piezo_rig.causes.drive_clipping import NEVER_V
+from piezo_rig.chain import Parameter, Stage
+from piezo_rig.chain.stage import Signal
+from piezo_rig.diagnosis.early.corners import At, Corners, corners_of
+from piezo_rig.diagnosis.groups import Groups
+from piezo_rig.run_file.sweep import Sweep
+
+FloatArray = NDArray[np.float64]
+LAG, SLEW, CLIP, SKEW = "amplifier-lag", "slew-limit", "drive-clipping", "time-skew"
+TWICE = 2.0  # a rise and the next one share a digitizer's errors: every sample counts half
+PLAIN = 40.0  # rise of the misfit without a law that is there to be seen
+INSIDE, OUTSIDE = 3.84, 15.0  # rise of the misfit: of a 95 % interval; certainly not so
+LEAST = 1e-302  # chance that is told from none
+FOLLOWS = 0.03  # rms misfit, of the span, above which it is no monitor of this drive
+DIVIDER = 0.02  # gain's distance from 1 that is worth a word
+LATE = 8  # samples, to which a delay is looked for
+GRIDS: dict[str, FloatArray] = {
+    LAG: np.geomspace(0.02, 100.0, 14),  # samples
+    SLEW: np.array([0.3, 0.45, 0.6, 0.75, 0.85, 0.92, 0.96, 0.98, 0.99]),  # of the fastest change
+    "upper": np.geomspace(0.0005, 0.4, 9),  # of the span, cut off
+    "lower": np.geomspace(0.0005, 0.4, 9),
+}
+SMALLER: dict[str, FloatArray] = {  # from what hardly does anything on
+    LAG: np.geomspace(5e-4, 100.0, 24),
+    SLEW: 1.0 - np.geomspace(1e-5, 0.7, 16),
+    "upper": np.geomspace(1e-5, 0.4, 16),
+    "lower": np.geomspace(1e-5, 0.4, 16),
+}
+OF = {LAG: LAG, SLEW: SLEW, "upper": CLIP, "lower": CLIP}
+
+
+@dataclass(frozen=True, eq=False)
+class Told:
+    """One cause that the monitor shows; ``stage`` has its interval, the chance is family-wise."""
+
+    stage: Stage
+    p_value: float
+
+
+@dataclass(frozen=True, eq=False)
+class Reading:
+    """What the monitor says.
+
+    Attributes
+    ----------
+    told : in the order in which they were found; a delay of the whole record is last
+    bounds : cause that it does not show -> the smallest examples that would have shown
+    """
+
+    told: tuple[Told, ...] = ()
+    bounds: dict[str, tuple[Stage, ...]] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class _Guess:
+    """Parameter of every law that is in (in the units of `GRIDS`), the delay, and the misfit."""
+
+    laws: dict[str, float]
+    held: bool
+    delay_s: float
+    misfit: float
+
+
+def read_monitor(
+    groups: Groups, sweeps: Sequence[Sweep], level: float, count: int
+) -> Reading | None:
+    """What the drive monitor says; None where there is none.
+
+    Parameters
+    ----------
+    level : family-wise chance of a false alarm
+    count : causes that are tried in all, for the correction
+    """
+    corners = corners_of(groups, sweeps)
+    if corners is None:
+        return None
+    swing = max(float(np.ptp(w.monitor_v)) for w in corners.drives)
+    if swing < FOLLOWS * corners.span_v:
+        return Reading(warnings=("the drive monitor stands still while the drive moves: it is not "
+                                 "connected, or wrong; it is not used",))  # fmt: skip
+    return _Reader(corners).read(level, count)
+
+
+@dataclass(eq=False)
+class _Reader:
+    corners: Corners
+
+    def __post_init__(self) -> None:
+        c = self.corners
+        self.low = min(float(w.drive_v.min()) for w in c.drives)
+        self.fastest = max(
+            float(np.max(np.abs(np.diff(w.drive_v)))) / c.step_s for w in c.drives
+        )  # fmt: skip
+
+    def stage(self, law: str, x: float) -> Stage:
+        """The stage of a law at a point of its grid."""
+        kind, c = CAUSES[OF[law]], self.corners
+        if law == LAG:
+            return kind.of(None, tau=x * c.step_s)
+        if law == SLEW:
+            return kind.of(None, limit=x * self.fastest)
+        if law == "upper":
+            return kind.of(None, lower=-NEVER_V, upper=self.low + (1.0 - x) * c.span_v)
+        return kind.of(None, lower=self.low + x * c.span_v, upper=NEVER_V)
+
+    def at(self, laws: dict[str, float], held: bool) -> list[At]:
+        """Every drive behind the laws, at any instant, in samples."""
+        out: list[At] = []
+        for w in self.corners.drives:
+            v = w.drive_v
+            for law in ("upper", "lower", SLEW):
+                if law in laws:
+                    signal = Signal(w.time_s, v, np.zeros(v.size))
+                    v = self.stage(law, laws[law]).act(signal).drive_v
+            out.append((_stairs if held else _lines)(v, laws.get(LAG, 0.0)))
+        return out
+
+    def guess(self, laws: dict[str, float], held: bool = False, near_s: float = 0.0) -> _Guess:
+        """The delay that fits best with these laws."""
+        at, step = self.at(laws, held), self.corners.step_s
+
+        def misfit(samples: float) -> float:
+            return self.corners.explained(self.corners.seen(at, samples * step))[0]
+
+        known = {x: misfit(x) for x in near_s / step + np.array([-1.0, 0.0, 1.0])}
+        while True:  # downhill in whole samples, then between them
+            best = min(known, key=lambda x: known[x])
+            beside = [x for x in (best - 1.0, best + 1.0) if x not in known]
+            if not beside or abs(best) > 40 * LATE:
+                break
+            known |= {x: misfit(x) for x in beside}
+        found = [(known[best], best)]
+        for a in (np.floor(best - 1e-9), np.floor(best + 1e-9)):
+            if found and len(found) > 1 and a == found[-1][1] // 1:
+                continue
+            r = optimize.minimize_scalar(
+                misfit, bounds=(a, a + 1.0), method="bounded", options={"xatol": 1e-4}
+            )
+            found.append((float(r.fun), float(r.x)))
+        value, x = min(found)
+        return _Guess(laws, held, x * step, value)
+
+    def best(self, laws: dict[str, float], law: str, held: bool, near_s: float) -> _Guess:
+        """The best of one more law, or of one that is in."""
+        step = self.corners.step_s
+        tried: dict[float, float] = {}
+        for x in GRIDS[law]:
+            own = laws | {law: float(x)}
+            lag = (own[law] if law == LAG else 0.0) + 0.5 * held
+            at = self.at(own, held)
+            for late in {near_s, near_s - lag * step}:
+                m = self.corners.explained(self.corners.seen(at, late))[0]
+                tried[x] = min(tried.get(x, np.inf), m)
+        order = sorted(tried, key=lambda x: tried[x])[:2]
+        early = {x: ((x if law == LAG else 0.0) + 0.5 * held) * step for x in order}
+        guesses = [self.guess(laws | {law: float(x)}, held, near_s - early[x]) for x in order]
+        start = min(guesses, key=lambda g: g.misfit)
+        return self.refined(start, law)
+
+    def refined(self, start: _Guess, law: str) -> _Guess:
+        """The misfit's valley over one law's parameter, from near its bottom."""
+        known = {np.log(start.laws[law]): start}
+        ratio = np.log(GRIDS[law][1] / GRIDS[law][0])
+
+        def misfit(x: float) -> float:
+            g = self.guess(start.laws | {law: float(np.exp(x))}, start.held, start.delay_s)
+            known[x] = g
+            return g.misfit
+
+        middle = np.log(start.laws[law])
+        optimize.minimize_scalar(
+            misfit, bounds=(middle - ratio, middle + ratio), method="bounded",
+            options={"xatol": 1e-4, "maxiter": 20},
+        )  # fmt: skip
+        best = min(known.values(), key=lambda g: g.misfit)
+        return best
+
+    def hear(self, g: _Guess) -> list[FloatArray]:
+        """Weigh by what a guess leaves; returns that."""
+        seen = self.corners.seen(self.at(g.laws, g.held), g.delay_s)
+        left = self.corners.left(seen)
+        self.corners.hear(left)
+        return left
+
+    def again(self, g: _Guess) -> _Guess:
+        return self.guess(g.laws, g.held, g.delay_s)
+
+    def tries(self, here: _Guess) -> list[_Guess]:
+        """Every law that is not yet in, put in at its best."""
+        out = []
+        for law in GRIDS:
+            if law in here.laws:
+                continue
+            out.append(self.best(here.laws, law, here.held, here.delay_s))
+            if law == LAG and not here.laws:  # a generator holds each sample until the next
+                held = self.best({}, LAG, True, here.delay_s)
+                if held.misfit < out[-1].misfit - TWICE * PLAIN:
+                    out[-1] = held
+        return out
+
+    def read(self, level: float, count: int) -> Reading:
+        here = self.guess({})
+        self.hear(here)
+        here = self.again(here)
+        chances: dict[str, float] = {}
+        while len(here.laws) < len(GRIDS):
+            self.corners.hear(None)  # what a law leaves before it is in is no noise
+            here = self.again(here)
+            there = min(self.tries(here), key=lambda g: g.misfit)
+            self.hear(there)
+            here, there = self.again(here), self.again(there)
+            gained = (here.misfit - there.misfit) / TWICE
+            chance = max(float(stats.chi2.sf(gained, 2)), LEAST) * count * len(GRIDS)
+            if not (chance < level and gained > PLAIN):
+                self.hear(here)
+                here = self.again(here)
+                break
+            (law,) = set(there.laws) - set(here.laws)
+            chances[law] = chance
+            here = self.refined(there, law)
+        left = np.concatenate(self.hear(here))
+        here = self.again(here)
+        seen = self.corners.seen(self.at(here.laws, here.held), here.delay_s)
+        gain = self.corners.explained(seen)[1]
+        if float(np.std(left)) > FOLLOWS * self.corners.span_v or not 0.001 < gain < 1000.0:
+            return Reading(warnings=(
+                f"the drive monitor does not follow the drive (it is off by {np.std(left):.3g} V "
+                "rms at best): another signal, or not connected; it is not used",
+            ))  # fmt: skip
+        return self.told(here, chances, gain, level, count)
+
+    def told(
+        self, here: _Guess, chances: dict[str, float], gain: float, level: float, count: int
+    ) -> Reading:
+        notes = []
+        if abs(gain - 1.0) > DIVIDER:
+            notes.append(
+                f"the drive monitor reads {gain:.4g} times the drive: the amplifier's gain or the "
+                "monitor's divider is not what was said"
+            )
+        stages = {law: self.with_interval(here, law) for law in here.laws}
+        told = [Told(s, chances[law]) for law, s in stages.items()]
+        if {"upper", "lower"} <= set(stages):  # one stage has both
+            a, b = stages["lower"], stages["upper"]
+            both = type(a)({"lower": a.parameters["lower"], "upper": b.parameters["upper"]})
+            told = [t for t in told if t.stage.id != CLIP]
+            told.append(Told(both, min(chances["upper"], chances["lower"])))
+        late, alone = self.lateness(here), self.lag_alone(here)
+        zero = self.corners.explained(self.corners.seen(self.at(here.laws, False), 0.0))[0]
+        gained = (min(zero, alone) - here.misfit) / TWICE
+        if gained > PLAIN:
+            notes.append(
+                f"the drive monitor comes {1e3 * late:.4g} ms after the command: the whole record "
+                "is late by that, or the generator holds its samples"
+            )
+            chance = max(float(stats.chi2.sf(gained, 1)), LEAST) * count
+            told.append(Told(CAUSES[SKEW].of(None, delay=late), chance))
+        elif (zero - here.misfit) / TWICE > PLAIN and LAG not in here.laws:
+            notes.append(
+                f"the drive monitor comes {1e3 * late:.4g} ms after the command; at this sampling "
+                "rate it does not say whether the amplifier lags or the whole record is late"
+            )
+        return Reading(tuple(told), self.bounds(here), tuple(notes))
+
+    def lateness(self, here: _Guess) -> float:
+        """Seconds by which everything is late beyond the laws, the generator's holding included."""
+        if not here.held:
+            return here.delay_s
+        step, tau = self.corners.step_s, here.laws[LAG]
+        since = 1.0 - (here.delay_s / step) % 1.0  # a sample's hold has lasted so long
+        behind = since + np.exp(-since / tau) / -np.expm1(-1.0 / tau)  # on a ramp, in samples
+        return float(here.delay_s + step * (behind - tau))
+
+    def lag_alone(self, here: _Guess) -> float:
+        """The least misfit of a lag, with the other laws, that would do without any delay."""
+        tau = here.delay_s / self.corners.step_s + here.laws.get(LAG, 0.0)
+        tried = [
+            self.corners.explained(self.corners.seen(self.at(here.laws | {LAG: x}, False), 0.0))[0]
+            for x in tau * np.linspace(0.7, 1.3, 31) if x > 0.0
+        ]  # fmt: skip
+        return min(tried, default=np.inf)
+
+    def bounds(self, here: _Guess) -> dict[str, tuple[Stage, ...]]:
+        """For every cause that is not shown the least that would have been, of each form."""
+        shown = {OF[law] for law in here.laws}
+        out: dict[str, tuple[Stage, ...]] = {}
+        for cause in dict.fromkeys(OF.values()):
+            found = [self.bound(here, law) for law in GRIDS if OF[law] == cause]
+            known = tuple(s for s in found if s is not None)
+            if cause not in shown and len(known) == len(found):
+                out[cause] = known
+        return out
+
+    def with_interval(self, here: _Guess, law: str) -> Stage:
+        """The stage with the interval of its parameter: where the misfit has risen."""
+        best = self.again(here)
+        stage = self.stage(law, best.laws[law])
+        name = {LAG: "tau", SLEW: "limit"}.get(law, law)
+        ends = [self.stage(law, self.edge(best, law, way, INSIDE))[name] for way in (-1.0, 1.0)]
+        p = stage.parameters[name]
+        own = Parameter(p.value, p.unit, (min(ends), max(ends)))
+        return type(stage)(stage.parameters | {name: own})
+
+    def edge(self, best: _Guess, law: str, way: float, rise: float) -> float:
+        """How far a law's parameter may go one way until the misfit has risen."""
+        x, share = best.laws[law], 1e-4
+
+        def risen(share: float) -> float:
+            laws = best.laws | {law: x * (1.0 + way * share)}
+            return (self.guess(laws, best.held, best.delay_s).misfit - best.misfit) / TWICE
+
+        while share < 0.5 and risen(share) < rise:
+            share *= 2.0
+        low, high = (0.0 if share == 1e-4 else share / 2.0), share
+        for _ in range(4):
+            middle = 0.5 * (low + high)
+            low, high = (low, middle) if risen(middle) > rise else (middle, high)
+        return float(x * (1.0 + way * high))
+
+    def bound(self, here: _Guess, law: str) -> Stage | None:
+        """The smallest example of a law that would show, found from the smallest on."""
+        for x in SMALLER[law]:
+            lag = x * self.corners.step_s if law == LAG else 0.0
+            g = self.guess(here.laws | {law: float(x)}, here.held, here.delay_s - lag)
+            if (g.misfit - here.misfit) / TWICE > OUTSIDE:
+                return self.stage(law, float(x))
+        return None
+
+
+def _lines(v: FloatArray, tau: float) -> At:
+    """Straight between samples, behind a lag of ``tau`` samples (0: none), at any instant."""
+    steps = np.append(np.diff(v), 0.0)
+    behind = np.zeros(v.size)  # how far the lag is behind at each sample
+    if tau > 0.0:
+        decay = np.exp(-1.0 / tau)
+        behind[1:] = lfilter([tau * (1.0 - decay)], [1.0, -decay], steps[:-1])
+
+    def at(position: FloatArray) -> FloatArray:
+        j = np.clip(np.floor(position).astype(int), 0, v.size - 1)
+        since = np.clip(position - j, 0.0, 1.0)
+        here = v[j] + since * steps[j]
+        if tau > 0.0:
+            here = here - tau * steps[j] - (behind[j] - tau * steps[j]) * np.exp(-since / tau)
+        return here
+
+    return at
+
+
+def _stairs(v: FloatArray, tau: float) -> At:
+    """Held from each sample to the next, behind a lag of ``tau`` samples, at any instant."""
+    decay = np.exp(-1.0 / tau)
+    state = v[0] + lfilter([0.0, 1.0 - decay], [1.0, -decay], v - v[0])
+
+    def at(position: FloatArray) -> FloatArray:
+        j = np.clip(np.ceil(position).astype(int) - 1, 0, v.size - 1)
+        since = np.clip(position - j, 0.0, 1.0)
+        return v[j] + (state[j] - v[j]) * np.exp(-since / tau)
+
+    return at

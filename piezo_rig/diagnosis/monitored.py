@@ -1,0 +1,83 @@
+"""What the drive monitor says, brought into the search: causes taken as read, causes ruled out."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from piezo_rig.causes import CAUSES
+from piezo_rig.causes.cause import Cause
+from piezo_rig.chain import Parameter, Stage
+from piezo_rig.diagnosis.climb import Step
+from piezo_rig.diagnosis.early import Reading
+from piezo_rig.diagnosis.early.monitor import LAG, SKEW
+from piezo_rig.diagnosis.fit import Point
+from piezo_rig.diagnosis.forms import beside_kinks
+from piezo_rig.diagnosis.likelihood import reduce
+from piezo_rig.diagnosis.refit import Fitted, playable, refit, settle
+from piezo_rig.diagnosis.scan import VISIBLE, context_of
+from piezo_rig.diagnosis.space import Space
+
+
+def taken_in(space: Space, first: Fitted, reading: Reading) -> tuple[list[Step], list[str]]:
+    """Rungs that the monitor gives, in order, and what is to be said of those it does not.
+
+    An amplifier's law that the displacement can show goes into the model with the monitor's
+    values, and stays there. So does a delay, but it is fitted: the sensor may be later still.
+    What cannot be seen in the displacement is left out; neither that nor what the monitor rules
+    out is looked for any more (`Space.excluded`).
+    """
+    steps, notes, here = list[Step](), list[str](), first
+    for told in reading.told:
+        id = told.stage.id
+        if here.point.model.stage(id) is not None:
+            continue
+        d_prime = visible(space, here.point, told.stage)
+        values = ", ".join(_said(n, p) for n, p in told.stage.reported(np.zeros((9, 9))).items())  # type: ignore[attr-defined]
+        if d_prime < VISIBLE:
+            notes.append(f"drive monitor: {id}, {values}: too small to be seen in the displacement")
+            if id != SKEW:
+                space.excluded[id] = f"the drive monitor shows {values}: too small to be seen"
+            continue
+        here = _with(space, here.point, told.stage)
+        steps.append(Step(id, min(told.p_value, 1.0), here))
+    late = any(t.stage.id == SKEW for t in reading.told)
+    for id, stages in reading.bounds.items():
+        if here.point.model.stage(id) is not None:
+            continue
+        if max(visible(space, here.point, s) for s in stages) < VISIBLE:
+            kind = CAUSES[id]
+            assert issubclass(kind, Cause)
+            least = ", ".join(
+                _said(n, p) for s in stages for n, p in s.parameters.items()
+                if p.value != kind.neutral.get(n)
+            )  # fmt: skip
+            space.excluded[id] = (
+                "the drive monitor shows no more than a delay" if id == LAG and late
+                else f"the drive monitor shows none: it would have shown {least}"
+            )
+    return steps, notes
+
+
+def visible(space: Space, point: Point, stage: Stage) -> float:
+    """d' of a stage against the noise alone, with all that the base can do projected off."""
+    model = point.model.with_stage(stage)
+    if not playable(space, model):
+        return np.inf
+    settle(space, point)
+    reduced = reduce(space.linear(point, [(point.model, model)]))
+    return float(np.linalg.norm(reduced.trials[:, 0]))
+
+
+def _with(space: Space, point: Point, stage: Stage) -> Fitted:
+    sizes = point.sizes
+    kind = CAUSES[stage.id]
+    assert issubclass(kind, Cause)
+    if kind.kinked:
+        (trial,) = kind.trials(context_of(space, point.model))
+        sizes = (*sizes, (stage.id, kind.kinked, trial[kind.kinked]))
+    fitted = refit(space, Point(point.model.with_stage(stage), point.fixed, sizes), held=True)
+    return beside_kinks(space, fitted, stage.id)
+
+
+def _said(name: str, p: Parameter) -> str:
+    return f"{name} {p.value:.3g} {p.unit}"

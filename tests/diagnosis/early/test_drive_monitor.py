@@ -1,0 +1,188 @@
+"""The drive monitor: what the amplifier did is read from it, and what it did not is ruled out.
+
+Monitors are made here as physics says, sample by sample, by code that the program does not share.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parent.parent))
+from small_bench import RATE, recordings
+
+from piezo_rig.cli import main
+from piezo_rig.diagnosis import diagnose
+from piezo_rig.diagnosis.early import read_monitor
+from piezo_rig.diagnosis.groups import group_tracks
+from piezo_rig.identification import prepare
+
+SPEEDS = (("0-30", 0.0, 30.0, 10.0), ("0-75", 0.0, 75.0, 4.0), ("0-60", 0.0, 60.0, 10.0))
+STEP_V = 1.0 / 256.0  # of a 16-bit digitizer on its 128 V range
+TAU, LIMIT, DELAY = 3e-4, 900.0, 2e-4
+
+
+def lagging(drive, tau=TAU, fine=50):
+    """Behind a resistance and a capacitance, in small steps, straight between samples."""
+    y, out = drive[0], [drive[0]]
+    for a, b in pairwise(drive):
+        for k in range(1, fine + 1):
+            middle = a + (b - a) * (k - 0.5) / fine
+            y += (middle - y) * (1.0 - np.exp(-1.0 / (fine * RATE * tau)))
+        out.append(y)
+    return np.array(out)
+
+
+def held_and_lagging(drive, tau=TAU):
+    """As `lagging` behind a generator that holds each sample; seen just before the next one."""
+    out, decay = [drive[0]], np.exp(-1.0 / RATE / tau)
+    for before in drive[:-1]:
+        out.append(before + (out[-1] - before) * decay)
+    return np.array(out)
+
+
+def limited(drive):
+    """No faster than the amplifier's current allows."""
+    out = [drive[0]]
+    for v in drive[1:]:
+        out.append(out[-1] + min(max(v - out[-1], -LIMIT / RATE), LIMIT / RATE))
+    return np.array(out)
+
+
+def clipped(drive):
+    return np.minimum(drive, 58.0)
+
+
+def late(drive, delay=DELAY):
+    t = np.arange(drive.size) / RATE
+    return np.interp(t - delay, t, drive)
+
+
+def white(n, rng):
+    return 2e-3 * rng.standard_normal(n)
+
+
+def red(n, rng):
+    out, x = np.empty(n), 0.0
+    for i, e in enumerate(rng.standard_normal(n)):
+        x = 0.95 * x + 0.3 * 2e-3 * e
+        out[i] = x
+    return out
+
+
+def nothing(n, rng):
+    return np.zeros(n)
+
+
+def watched(sweeps, amplifier=lambda v: v, noise=white, step_v=STEP_V, divider=1.003):
+    """The sweeps with a monitor of what an amplifier makes of their drive."""
+    rng = np.random.default_rng(5)
+    known = {s.condition: amplifier(s.drive_v) for s in sweeps}
+    out = []
+    for s in sweeps:
+        volts = 0.02 + divider * known[s.condition] + noise(s.samples, rng)
+        out.append(s.with_(drive_monitor_v=np.round(volts / step_v) * step_v))
+    return out
+
+
+@pytest.fixture(scope="module")
+def plain():
+    return recordings(conditions=SPEEDS)
+
+
+def read(sweeps):
+    groups = group_tracks(prepare(sweeps, first_rises=True, clipped=True), sweeps)
+    return read_monitor(groups, sweeps, 0.001, 25)
+
+
+@pytest.mark.parametrize("noise", [red, nothing])
+def test_an_amplifier_that_follows_is_said_to_do_nothing(plain, noise):
+    found = read(watched(plain, noise=noise))
+    assert found.told == ()
+    assert not found.notes
+    assert not found.warnings
+    assert set(found.bounds) == {"amplifier-lag", "slew-limit", "drive-clipping"}
+
+
+@pytest.mark.parametrize(
+    ("amplifier", "cause", "name", "true"),
+    [(held_and_lagging, "amplifier-lag", "tau", TAU),
+     (limited, "slew-limit", "limit", LIMIT), (clipped, "drive-clipping", "upper", 58.0)],
+)  # fmt: skip
+def test_what_the_amplifier_does_is_read_with_its_size(plain, amplifier, cause, name, true):
+    told = read(watched(plain, amplifier)).told[0]
+    assert told.stage.id == cause
+    low, high = told.stage.parameters[name].ci95
+    middle, half = 0.5 * (low + high), 0.5 * (high - low)
+    assert abs(true - middle) < 2.0 * half
+    assert half < 0.03 * true
+    assert told.p_value < 1e-9
+
+
+def test_a_record_that_begins_late_is_late_and_lags_nowhere(plain):
+    found = read(watched(plain, late))
+    (told,) = found.told
+    assert told.stage.id == "time-skew"
+    assert told.stage["delay"] == pytest.approx(DELAY, rel=0.01)
+
+
+def test_another_divider_is_a_note_and_no_cause(plain):
+    found = read(watched(plain, divider=0.1, step_v=1e-4))
+    assert found.told == ()
+    assert any("0.1 times the drive" in n for n in found.notes)
+
+
+def silent(drive):
+    return 0.0 * drive
+
+
+def another(drive):
+    return 30.0 * np.sin(np.arange(drive.size) / 300.0)
+
+
+@pytest.mark.parametrize("monitor", [silent, another])
+def test_a_monitor_of_something_else_is_said_and_not_used(plain, monitor):
+    found = read(watched(plain, monitor))
+    assert found.told == ()
+    assert found.bounds == {}
+    assert any("drive monitor" in w and "not used" in w for w in found.warnings)
+
+
+def test_without_a_monitor_there_is_nothing_to_read(plain):
+    assert read(plain) is None
+
+
+def test_a_sensor_that_is_late_behind_a_clean_monitor_is_a_skew_and_no_lag():
+    sweeps = recordings(lambda x, drive, t: np.interp(t - DELAY, t, x), conditions=SPEEDS)
+    found = diagnose(watched(sweeps))
+    (finding,) = found.findings
+    assert finding.cause == "time-skew"
+    assert "amplifier-lag" not in finding.alternatives
+    assert "drive monitor" in found.refused["amplifier-lag"]
+    assert finding.parameters["delay"].value == pytest.approx(DELAY, rel=0.05)
+
+
+def test_a_lag_in_the_monitor_is_the_amplifiers_and_the_command_line_says_so(tmp_path, capsys):
+    sweeps = watched(recordings(before=lagging, conditions=SPEEDS), lagging)
+    files = []
+    for s in sweeps:
+        files.append(tmp_path / f"{s.condition} test {s.repeat}.csv")
+        rows = np.column_stack([s.time_s, s.command_v, s.sensor_v, s.drive_monitor_v])
+        np.savetxt(files[-1], rows, delimiter=",", comments="",
+                   header="time_s,command_v,sensor_v,drive_monitor_v")  # fmt: skip
+    out, model = tmp_path / "found.json", tmp_path / "model.json"
+    assert main(["diagnose", *map(str, files), "--gain", "7.5", "--offset", "75", "--polarity",
+                 "-1", "--sensitivity", "15.48um/V", "--history", "virgin", "--json", str(out),
+                 "--save-model", str(model)]) == 0, capsys.readouterr().err  # fmt: skip
+    (finding,) = json.loads(out.read_text())["findings"]
+    assert (finding["cause"], finding["place"]) == ("amplifier-lag", "drive")
+    assert finding["alternatives"] == []
+    assert finding["gain_percent"] > 30
+    low, high = finding["parameters"]["tau"]["ci95"]
+    assert abs(TAU - 0.5 * (low + high)) < high - low
+    assert any(s["id"] == "amplifier-lag" for s in json.loads(model.read_text())["stages"])
