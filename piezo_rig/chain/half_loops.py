@@ -47,6 +47,10 @@ class HalfLoops:
         """One half loop by itself."""
         return HalfLoops(*(getattr(self, f.name)[i : i + 1] for f in fields(self)))
 
+    def first(self, count: int) -> HalfLoops:
+        """Those at the beginning."""
+        return HalfLoops(*(getattr(self, f.name)[:count] for f in fields(self)))
+
 
 def dead_band(drive_v: FloatArray) -> float:
     """Reversals smaller than this are noise, volts; about 0 for a clean drive."""

@@ -81,6 +81,7 @@ def climb(
     held_out: Sequence[tuple[Callable[[Fitted], float], float]],
     noise_nm: float,
     others: int = 0,
+    known: Sequence[Step] = (),
 ) -> Ladder:
     """Forward selection from a fitted baseline, with detours at the end.
 
@@ -93,8 +94,10 @@ def climb(
         factor by which each may rise
     noise_nm : of one recording, what no model falls below
     others : causes that were tried elsewhere (on the raw recordings), for the correction
+    known : steps to begin with, found in a part of the data
     """
-    search = Search(space, first, rng, tell, held_out, noise_nm, others)
+    search = Search(space, first, rng, tell, held_out, noise_nm, others, list(known))
+    search.rearranged = bool(known)
     search.forward()
     clear(search)
     for _ in range(ROUNDS):

@@ -16,6 +16,7 @@ from piezo_rig.diagnosis.groups import Groups
 from piezo_rig.diagnosis.held_out import Errors, carried_over_nm, held_out_errors, reported_kind
 from piezo_rig.diagnosis.monitored import taken_in
 from piezo_rig.diagnosis.noise import Spectrum, Whitener
+from piezo_rig.diagnosis.part import carried_over, part_of
 from piezo_rig.diagnosis.refit import Fitted, refit
 from piezo_rig.diagnosis.space import Space
 
@@ -32,8 +33,11 @@ class Climbed:
     folds, kind : how things were held out for the climb, and for the figures
     floor_nm : noise of one recording; None without repeats
     repeated : whether the noise was measured between repeats
-    first : the baseline; the ladder is climbed from the last of ``monitored``
+    first : the baseline; the ladder is climbed from the last of ``held``, if there are any
+    held : rungs that nothing in these data changes: those of the drive monitor, and what only a
+        part of the recordings, at a higher rate, can show
     monitored, said : rungs that the drive monitor gives; what it shows beside
+    part : the ladder of such a part, which this one was begun with
     """
 
     space: Space
@@ -42,8 +46,10 @@ class Climbed:
     floor_nm: float | None
     repeated: bool
     first: Fitted
+    held: list[Step] = field(default_factory=list)
     monitored: list[Step] = field(default_factory=list)
     said: list[str] = field(default_factory=list)
+    part: Climbed | None = None
     ladder: Ladder = field(init=False)
     _known: dict[int, tuple[Point, Errors]] = field(default_factory=dict)
 
@@ -61,9 +67,18 @@ def climbed(
 ) -> Climbed:
     """The ladder of recordings that are clean of events and hum.
 
-    ``others`` : causes that were tried elsewhere (on the raw recordings), for the correction
+    Of many recordings, a part is climbed first.
+
+    Parameters
+    ----------
+    others : causes that were tried elsewhere (on the raw recordings), for the correction
     reading : of the drive monitor
     """
+    few = part_of(clean)
+    part = None
+    if few is not None:
+        tell("a part of the recordings")
+        part = climbed(few, start, rng, tell, others, reading)
     tell("noise")
     spectrum = engine.repeat_spectrum(clean)
     repeated = spectrum is not None
@@ -73,11 +88,20 @@ def climbed(
     first = refit(space, start)
     floor = noise_floor_nm(clean)
     out = Climbed(space, folds, reported_kind(clean, folds), floor, repeated, first)
-    if reading is not None:
+    known: list[Step] = []
+    if part is not None:
+        tell("all recordings")
+        out.part, out.said = part, part.said
+        space.excluded |= part.space.excluded
+        out.held, known = carried_over(space, first, part)
+        read = {s.cause for s in part.monitored}
+        out.monitored = [s for s in out.held if s.cause in read]
+    elif reading is not None:
         tell("what the drive monitor says")
         out.monitored, out.said = taken_in(space, first, reading)
-        if out.monitored:
-            first = out.monitored[-1].fitted
+        out.held = out.monitored
+    if out.held:
+        first = out.held[-1].fitted
 
     def reported(fitted: Fitted) -> float:
         return out.errors(fitted).rms_nm
@@ -90,7 +114,8 @@ def climbed(
     gates = [(reported, STRICT if close else WORSE)]
     if out.kind != folds:
         gates.append((carries_over, AWAY))
-    out.ladder = climb(space, first, rng, tell, gates, floor or space.noise_nm, others)
+    out.ladder = climb(space, first, rng, tell, gates, floor or space.noise_nm, others,
+                       known)
     return out
 
 

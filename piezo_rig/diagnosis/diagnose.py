@@ -139,8 +139,7 @@ def diagnose(
     stages = [(f.cause, f.groups) for f in found_early]
     space, ladder, kind, floor = search.space, search.ladder, search.kind, search.floor_nm
     folds, errors = search.folds, search.errors
-    monitored = search.monitored
-    steps = [*monitored, *ladder.steps]
+    steps = [*search.held, *ladder.steps]
     notes += search.said
     if not search.repeated:
         notes.append("no repeats: the noise is estimated from what a generous model leaves, and "
@@ -182,12 +181,14 @@ def diagnose(
                 "linear in the drive"
             )
             continue
-        found = confusion(space, last, step.cause)
-        members = [s.cause for s in ladder.steps]
+        where = search.part if search.part and step in search.held else search
+        settle(where.space, where.ladder.last.point)
+        found = confusion(where.space, where.ladder.last, step.cause)
+        members = [s.cause for s in steps]
         confused[step.cause] = [
             *found.alternatives,
             *(c for c in step.rivals if c not in members and c not in found.alternatives),
-        ] if step not in monitored else []  # it was seen where none of those would show
+        ] if step not in search.monitored else []  # it was seen where none of those would show
         value, interval = gains[len(early) + i]
         findings.append(Finding(
             step.cause, CAUSES[step.cause].place, step.p_value,
@@ -274,7 +275,7 @@ def parameters_of(fitted: Fitted, cause: str, model: Model) -> dict[str, Paramet
             if name in index and other in index:
                 covariance[a, b] = fitted.covariance[index[name], index[other]]
     said = {
-        n: replace(p, ci95=stage.parameters[n].ci95)  # as the drive monitor has it
+        n: replace(p, ci95=stage.parameters[n].ci95)  # as it was held
         if n in stage.parameters and n not in index and p.ci95 is None else p
         for n, p in stage.reported(covariance).items()
     }  # fmt: skip

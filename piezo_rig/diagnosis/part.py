@@ -9,12 +9,13 @@ found there.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from piezo_rig.chain import HalfLoops, Parameter, Stage
+from piezo_rig.chain import Parameter, Stage
 from piezo_rig.diagnosis.climb import Step
 from piezo_rig.diagnosis.fit import Point
 from piezo_rig.diagnosis.groups import ENOUGH, Group, Groups
@@ -52,11 +53,10 @@ def _beginning(group: Group, samples: int) -> Group:
     count = max(int(np.searchsorted(loops.stop, samples, side="right")), min(2, len(loops)))
     end = min(int(loops.stop[count - 1]) + 1, group.drive_v.size) if len(loops) else samples
     blocks = tuple((a, min(b, end)) for a, b in group.blocks if min(b, end) - a >= 8)
-    kept = (loops.start, loops.stop, loops.range_v, loops.extremum_v, loops.direction)
     return replace(
         group, time_s=group.time_s[:end], drive_v=group.drive_v[:end],
         measured_um=group.measured_um[:, :end], blocks=blocks,
-        loops=HalfLoops(*(x[:count] for x in kept)),
+        loops=loops.first(count),
     )  # fmt: skip
 
 
@@ -65,30 +65,37 @@ def carried_over(space: Space, first: Fitted, part: Climbed) -> tuple[list[Step]
 
     Returns
     -------
-    held : rungs of causes whose parameters the part knows better; they stay as they are
+    held : rungs, in order: what the drive monitor gave, and causes whose parameters the part knows
+        better, which stay as they are
     steps : the others, free; each as it stands in the whole ladder
     """
-    last, held = part.ladder.last, []
+    last, held, base = part.ladder.last, list[Step](), first
+    monitored = {s.cause for s in part.monitored}
     fine = finer(space, last)
-    base = first
-    for step in part.ladder.steps:
-        if step.cause not in fine:
-            continue
-        stage = with_intervals(last, step.cause)
-        point = replace(base.point, model=base.point.model.with_stage(stage))
-        base = refit(space, point, held=True)
-        held.append(Step(step.cause, step.p_value, base, step.rivals))
-    found = [s for s in part.ladder.steps if s.cause not in fine]
-    if not found:
+    found = [*part.monitored, *part.ladder.steps]
+    for step in found:
+        if step.cause in fine | monitored:
+            stage = with_intervals(last, step.cause)
+            free = [] if step.cause in fine else _sizes(last, {step.cause})
+            base = refit(space, _with(base.point, [stage], free), held=True)
+            held.append(replace(step, fitted=base))
+    free_ids = {s.cause for s in found} - fine - monitored
+    if not free_ids:
         return held, []
-    model, ids = base.point.model, {s.cause for s in found}
-    for stage in last.point.model.stages:
-        if stage.id in ids:
-            model = model.with_stage(stage)
-    own = tuple(s for s in last.point.sizes if s[0] in ids)
-    point = Point(model, base.point.fixed, (*base.point.sizes, *own))
-    full = refit(space, point, held=True)
-    return held, [replace(s, fitted=full) for s in found]
+    stages = [s for s in last.point.model.stages if s.id in free_ids]
+    full = refit(space, _with(base.point, stages, _sizes(last, free_ids)), held=True)
+    return held, [replace(s, fitted=full) for s in found if s.cause in free_ids]
+
+
+def _sizes(fitted: Fitted, ids: set[str]) -> list[tuple[str, str, float]]:
+    return [s for s in fitted.point.sizes if s[0] in ids]
+
+
+def _with(point: Point, stages: Sequence[Stage], sizes: Sequence[tuple[str, str, float]]) -> Point:
+    model = point.model
+    for stage in stages:
+        model = model.with_stage(stage)
+    return Point(model, point.fixed, (*point.sizes, *sizes))
 
 
 def finer(space: Space, last: Fitted) -> set[str]:
