@@ -14,7 +14,7 @@ from piezo_rig.diagnosis.early import Reading, noise_floor_nm
 from piezo_rig.diagnosis.fit import Point
 from piezo_rig.diagnosis.groups import Groups
 from piezo_rig.diagnosis.held_out import Errors, carried_over_nm, held_out_errors, reported_kind
-from piezo_rig.diagnosis.monitored import taken_in
+from piezo_rig.diagnosis.monitored import freed, taken_in
 from piezo_rig.diagnosis.noise import Spectrum, Whitener
 from piezo_rig.diagnosis.part import carried_over, part_of
 from piezo_rig.diagnosis.refit import Fitted, refit
@@ -116,6 +116,8 @@ def climbed(
         gates.append((carries_over, AWAY))
     out.ladder = climb(space, first, rng, tell, gates, floor or space.noise_nm, others,
                        known)
+    if out.monitored:
+        out.ladder = freed(space, out.ladder)
     return out
 
 

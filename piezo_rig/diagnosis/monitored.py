@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from piezo_rig.causes import CAUSES
 from piezo_rig.causes.cause import Cause
 from piezo_rig.chain import Parameter, Stage
-from piezo_rig.diagnosis.climb import Step
+from piezo_rig.diagnosis.climb import Ladder, Step
 from piezo_rig.diagnosis.early import Reading
 from piezo_rig.diagnosis.early.monitor import LAG, SKEW
 from piezo_rig.diagnosis.fit import Point
@@ -16,15 +18,16 @@ from piezo_rig.diagnosis.likelihood import reduce
 from piezo_rig.diagnosis.refit import Fitted, playable, refit, settle
 from piezo_rig.diagnosis.scan import VISIBLE, context_of
 from piezo_rig.diagnosis.space import Space
+from piezo_rig.diagnosis.spare import NEEDED
 
 
 def taken_in(space: Space, first: Fitted, reading: Reading) -> tuple[list[Step], list[str]]:
     """Rungs that the monitor gives, in order, and what is to be said of those it does not.
 
     An amplifier's law that the displacement can show goes into the model with the monitor's
-    values, and stays there. So does a delay, but it is fitted: the sensor may be later still.
-    What cannot be seen in the displacement is left out; neither that nor what the monitor rules
-    out is looked for any more (`Space.excluded`).
+    values, and stays there. So does a delay while the ladder is climbed (`freed`). What cannot be
+    seen in the displacement is left out; neither that nor what the monitor rules out is looked for
+    any more (`Space.excluded`).
     """
     steps, notes, here = list[Step](), list[str](), first
     for told in reading.told:
@@ -38,7 +41,8 @@ def taken_in(space: Space, first: Fitted, reading: Reading) -> tuple[list[Step],
             if id != SKEW:
                 space.excluded[id] = f"the drive monitor shows {values}: too small to be seen"
             continue
-        here = _with(space, here.point, told.stage)
+        model = here.point.model.with_stage(told.stage)
+        here = refit(space, replace(here.point, model=model), held=True)
         steps.append(Step(id, min(told.p_value, 1.0), here))
     late = any(t.stage.id == SKEW for t in reading.told)
     for id, stages in reading.bounds.items():
@@ -68,15 +72,28 @@ def visible(space: Space, point: Point, stage: Stage) -> float:
     return float(np.linalg.norm(reduced.trials[:, 0]))
 
 
-def _with(space: Space, point: Point, stage: Stage) -> Fitted:
-    sizes = point.sizes
-    kind = CAUSES[stage.id]
+def freed(space: Space, ladder: Ladder) -> Ladder:
+    """The ladder with a delay that the monitor gave fitted to the displacement at its end.
+
+    The sensor may be later than the monitor, or the monitor's own channel slow. Before everything
+    else is explained, a free delay would make up for what is not.
+    """
+    last = ladder.last
+    kind = CAUSES[SKEW]
     assert issubclass(kind, Cause)
-    if kind.kinked:
-        (trial,) = kind.trials(context_of(space, point.model))
-        sizes = (*sizes, (stage.id, kind.kinked, trial[kind.kinked]))
-    fitted = refit(space, Point(point.model.with_stage(stage), point.fixed, sizes), held=True)
-    return beside_kinks(space, fitted, stage.id)
+    model = last.point.model
+    if model.stage(SKEW) is None or any(id == SKEW for id, _ in last.point.names):
+        return ladder
+    (trial,) = kind.trials(context_of(space, model))
+    sizes = (*last.point.sizes, (SKEW, kind.kinked, trial[kind.kinked]))
+    there = refit(space, replace(last.point, sizes=sizes), held=True)
+    there = beside_kinks(space, there, SKEW)
+    if there.evidence < last.evidence + NEEDED:
+        return ladder
+    if not ladder.steps:
+        return replace(ladder, first=there)
+    steps = (*ladder.steps[:-1], replace(ladder.steps[-1], fitted=there))
+    return replace(ladder, steps=steps)
 
 
 def _said(name: str, p: Parameter) -> str:
