@@ -15,7 +15,7 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from piezo_rig.chain import Model, Signal
+from piezo_rig.chain import Model, Signal, Stage
 from piezo_rig.diagnosis import basis, dictionary, held
 from piezo_rig.diagnosis.dictionary import Scales
 from piezo_rig.diagnosis.fit import Point
@@ -263,7 +263,7 @@ class Space:
         key = (
             (self.first_rise, self.held, self.loose),
             tuple(s.id for s in stages),
-            tuple(p.value for s in stages for p in s.parameters.values()),
+            tuple(_numbers(s) for s in stages),
         )
         for known in (self._made_for, *self._known):
             if known[:2] == key[:2] and _near(known[2], key[2]):
@@ -469,12 +469,25 @@ class Space:
         )
 
 
-def _near(known: object, wanted: tuple[float, ...]) -> bool:
-    """Whether the numbers of two models are within `NEAR` of each other, one by one."""
-    assert isinstance(known, tuple)
-    return len(known) == len(wanted) and all(
-        abs(a - b) <= NEAR * max(abs(a), abs(b)) for a, b in zip(known, wanted, strict=True)
+def _numbers(stage: Stage) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """A stage's parameters; apart from them the optional ones, of which each does little."""
+    own = tuple(p.value for n, p in stage.parameters.items() if n not in stage.optional)
+    rest = tuple(
+        stage[n] if n in stage.parameters else stage.neutral.get(n, 0.0) for n in stage.optional
     )
+    return own, rest
+
+
+def _near(known: object, wanted: tuple[tuple[tuple[float, ...], tuple[float, ...]], ...]) -> bool:
+    """Whether the numbers of two models are within `NEAR`: one by one, optional ones together."""
+    assert isinstance(known, tuple)
+    for (a, b), (c, d) in zip(known, wanted, strict=True):
+        if any(abs(x - y) > NEAR * max(abs(x), abs(y)) for x, y in zip(a, c, strict=True)):
+            return False
+        off = sum(abs(x - y) for x, y in zip(b, d, strict=True))
+        if off > NEAR * max(sum(map(abs, b)), sum(map(abs, d))):
+            return False
+    return True
 
 
 def _driven(group: Group, model: Model) -> Group:
