@@ -79,6 +79,7 @@ def climbed(
     if few is not None:
         tell("a part of the recordings")
         part = climbed(few, start, rng, tell, others, reading)
+        part.space.rest()
     tell("noise")
     spectrum = engine.repeat_spectrum(clean)
     repeated = spectrum is not None

@@ -37,17 +37,27 @@ class Fitted:
 
     Attributes
     ----------
-    point, linear : the point and the Gram matrices about it
+    point, space : the point, and the space it was fitted in
     covariance : of the stage parameters, shape (q, q)
     scales : variances of fine thresholds and dictionary
     evidence : log of the marginal likelihood, everything but the stage parameters integrated
     """
 
     point: Point
-    linear: Linear
+    space: Space
     covariance: FloatArray
     scales: tuple[float, float]
     evidence: float = -np.inf
+
+    @property
+    def linear(self) -> Linear:
+        """The Gram matrices about the point; the space is settled anew if they have gone."""
+        known = self.space.kept(self.point)
+        if known is None:
+            settle(self.space, self.point)
+            known = self.space.linear(self.point)
+            self.space.keep(self.point, known)
+        return known
 
 
 def element_step(
@@ -177,7 +187,8 @@ def refit(space: Space, point: Point, steps: int = STEPS, held: bool = False) ->
             if not (held and _optional(point, id, n))]  # fmt: skip
     evidence = likelihood.evidence(used)
     likelihood.reduced.covariance.forget()
-    return Fitted(point, linear, covariance, scales, evidence)
+    space.keep(point, linear)
+    return Fitted(point, space, covariance, scales, evidence)
 
 
 def known_of(space: Space, point: Point) -> FloatArray:

@@ -23,7 +23,7 @@ from piezo_rig.diagnosis.groups import Group, Groups
 from piezo_rig.diagnosis.noise import Whitener
 
 FloatArray = NDArray[np.float64]
-MOST_KNOWN, MOST_BANDS = 4, 6  # kept
+MOST_KNOWN, MOST_BANDS, MOST_LINEAR = 4, 6, 4  # kept
 MOST_GIVEN = 4  # of every group
 NEAR = 0.15  # columns of a model whose numbers are this near serve as well
 THREADS = 2
@@ -94,6 +94,14 @@ class Layout:
         raise KeyError(name)
 
 
+class Rows(NamedTuple):
+    """Base columns of one piece: those of the bands, shared, and the others of a point."""
+
+    bands: Bands
+    white: FloatArray
+    raw: FloatArray
+
+
 class _Row(NamedTuple):
     """Of one piece: what `Linear` holds of all."""
 
@@ -101,7 +109,7 @@ class _Row(NamedTuple):
     residual: FloatArray
     raw: FloatArray
     weight: float
-    rows: tuple[FloatArray, FloatArray]
+    rows: Rows
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,7 +135,7 @@ class Linear:
     raw: FloatArray
     count: FloatArray
     law: FloatArray
-    rows: tuple[tuple[FloatArray, FloatArray], ...] = ()
+    rows: tuple[Rows, ...] = ()
     made_for: Key = ()
     axes: dict[Key, Any] = field(default_factory=dict)
 
@@ -156,6 +164,7 @@ class Space:
     _made_for: Key = ()
     _of_given: dict[Key, Any] = field(default_factory=dict)
     _tangents: dict[int, tuple[Group, Point, FloatArray]] = field(default_factory=dict)
+    _linears: dict[int, tuple[Point, Linear]] = field(default_factory=dict)
 
     @property
     def noise_nm(self) -> float:
@@ -253,6 +262,24 @@ class Space:
         while len(self._of_given) > MOST_GIVEN * len(self.groups.groups):
             self._of_given.pop(next(iter(self._of_given)))
 
+    def keep(self, point: Point, linear: Linear) -> None:
+        """Hold the matrices about a point; those of the latest few are, for they are large."""
+        self._linears.pop(id(point), None)
+        while len(self._linears) >= MOST_LINEAR:
+            self._linears.pop(next(iter(self._linears)))
+        self._linears[id(point)] = point, linear  # the point too, so that its id stays its own
+
+    def kept(self, point: Point) -> Linear | None:
+        """The matrices about a point, if they are still held."""
+        known = self._linears.get(id(point))
+        return known[1] if known is not None else None
+
+    def rest(self) -> None:
+        """Give up what can be made again."""
+        for known in (self._known, self._bands, self._of_given, self._tangents, self._linears):
+            known.clear()  # type: ignore[attr-defined]
+        self.fixed, self._made_for = [], ()
+
     def about(self, point: Point, linear: Linear) -> Linear:
         """Gram matrices about a point: those of a point near by, if of the same columns."""
         return linear if linear.rows and linear.made_for == self._made_for else self.linear(point)
@@ -349,8 +376,7 @@ class Space:
                 np.concatenate([gram[-1, :p], cross[-1], gram[-1, p:]]),
                 group.repeats * _joined(base.raw_gram, known, own @ own.T),
                 float(group.repeats * cut.shape[1]),
-                (np.concatenate([base.white, white[: p - k]]),
-                 np.concatenate([base.raw, own[:-1]])),
+                Rows(base, white[: p - k].copy(), own[:-1]),
             ))  # fmt: skip
         return out
 
@@ -372,10 +398,13 @@ class Space:
                     continue
                 cut = left[piece.begin : piece.end]
                 r = self.whiten(cut[None], np.sqrt(group.repeats))[0]
-                columns, own = linear.rows[at]
-                residual[at] = np.concatenate([columns @ r, self.fixed[at].white @ r, [r @ r]])
+                base, own, bare = linear.rows[at]
+                residual[at] = np.concatenate(
+                    [base.white @ r, own @ r, self.fixed[at].white @ r, [r @ r]]
+                )
                 cut = cut - cut.mean()
-                raw[at, :p, -1] = raw[at, -1, :p] = group.repeats * own @ cut
+                cross = group.repeats * np.concatenate([base.raw @ cut, bare @ cut])
+                raw[at, :p, -1] = raw[at, -1, :p] = cross
                 raw[at, -1, -1] = group.repeats * cut @ cut
                 at += 1
         return replace(linear, residual=residual, raw=raw)

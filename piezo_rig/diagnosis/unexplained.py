@@ -102,7 +102,8 @@ def _left_of(space: Space, linear: Linear) -> FloatArray:
     base = fixed = cross = np.zeros(0)
     for at, piece in enumerate(space.pieces):
         weight = space.groups.groups[piece.group].repeats
-        own, raw = linear.rows[at][1], space.fixed[at].raw.astype(float)
+        rows, raw = linear.rows[at], space.fixed[at].raw.astype(float)
+        own = np.concatenate([rows.bands.raw, rows.raw])
         parts = (weight * own @ own.T, weight * raw @ raw.T, weight * own @ raw.T)
         base, fixed, cross = (
             parts if at == 0 else (base + parts[0], fixed + parts[1], cross + parts[2])
