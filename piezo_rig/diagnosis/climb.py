@@ -101,7 +101,8 @@ def climb(
     search.forward()
     clear(search)
     for _ in range(ROUNDS):
-        if not (search.few or search.left_over()) or not search.detour():
+        tried = bool(known) or not search.few  # a part of the data has had its detours
+        if (tried and not search.left_over()) or not search.detour():
             break
     faint(search)
     return Ladder(search.first, tuple(search.rungs()), tuple(search.scans))
