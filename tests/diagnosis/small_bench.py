@@ -80,7 +80,7 @@ def recordings(
     for repeat in range(1, repeats + 1):
         for name, low, high, *hz in conditions:
             drive = drive_of(low, high, hz=hz[0] if hz else 2.0)
-            key = (seed, name, before)
+            key = (seed, low, high, drive.size, before)
             if key not in _known:
                 _known[key] = play(drive if before is None else before(drive))
             x = _known[key]
