@@ -43,13 +43,17 @@ RIG = (shipped_folder("configs") / "simulated_bench.toml").read_text()
 
 @pytest.fixture
 def diagnosed(tmp_path, capsys):
-    """A function: what is hidden in the plant, as {table: settings} -> the diagnosis JSON."""
+    """A function: what is hidden in the plant, as {table: settings} -> the diagnosis JSON.
 
-    def play_and_diagnose(hidden, seed=1):
+    Without the drive monitor, unless a test asks for it.
+    """
+
+    def play_and_diagnose(hidden, seed=1, monitor=0):
         tables = dict.fromkeys(ON_BY_DEFAULT, "on = false")
         tables |= {name: f"on = true\n{settings}" for name, settings in hidden.items()}
         plant = "".join(f"\n[plant.{name}]\n{text}\n" for name, text in tables.items())
-        (tmp_path / "rig.toml").write_text(f"{RIG}seed = {seed}\n{plant}")
+        rig = RIG.replace("monitor_channel = 1", f"monitor_channel = {monitor}")
+        (tmp_path / "rig.toml").write_text(f"{rig}seed = {seed}\n{plant}")
         (tmp_path / "hidden.toml").write_text(PROTOCOL)
         runs, out = tmp_path / "runs", tmp_path / "found.json"
         assert main(["run", str(tmp_path / "hidden.toml"), "--rig", str(tmp_path / "rig.toml"),
