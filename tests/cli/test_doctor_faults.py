@@ -17,7 +17,7 @@ from piezo_rig.resources import shipped_folder
 from piezo_rig.studies.kill_bench import served
 
 RIG = re.sub(
-    r'(driver = "(?:keysight|thorlabs).*)', r"\1\ntimeout_s = 0.2",
+    r'(driver = "(?:keysight|thorlabs).*)', r"\1\ntimeout_s = 0.6",
     (shipped_folder("configs") / "simulated_bench.toml").read_text(),
 )
 MOVING_S = 2.0  # of bench time: the stack has been brought to rest, the checks go on
