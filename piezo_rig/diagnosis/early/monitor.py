@@ -275,7 +275,9 @@ class _Reader:
                 "is late by that, or the generator holds its samples"
             )
             chance = max(float(stats.chi2.sf(gained, 1)), LEAST) * count
-            told.append(Told(CAUSES[SKEW].of(None, delay=late), chance))
+            half = self.delay_half_s(here)
+            delay = Parameter(late, "s", (late - half, late + half))
+            told.append(Told(CAUSES[SKEW]({"delay": delay}), chance))
         elif (zero - here.misfit) / TWICE > PLAIN and LAG not in here.laws:
             notes.append(
                 f"the drive monitor comes {1e3 * late:.4g} ms after the command; at this sampling "
@@ -291,6 +293,19 @@ class _Reader:
         since = 1.0 - (here.delay_s / step) % 1.0  # a sample's hold has lasted so long
         behind = since + np.exp(-since / tau) / -np.expm1(-1.0 / tau)  # on a ramp, in samples
         return float(here.delay_s + step * (behind - tau))
+
+    def delay_half_s(self, here: _Guess) -> float:
+        """Half width of the delay's 95 % interval, at most twice too wide."""
+        at, step = self.at(here.laws, here.held), self.corners.step_s
+
+        def risen(late: float) -> float:
+            misfit = self.corners.explained(self.corners.seen(at, here.delay_s + late))[0]
+            return (misfit - here.misfit) / TWICE
+
+        half = 1e-5 * step
+        while half < step and min(risen(-half), risen(half)) < INSIDE:
+            half *= 2.0
+        return half
 
     def lag_alone(self, here: _Guess) -> float:
         """The least misfit of a lag, with the other laws, that would do without any delay."""

@@ -129,6 +129,9 @@ def test_a_record_that_begins_late_is_late_and_lags_nowhere(plain):
     (told,) = found.told
     assert told.stage.id == "time-skew"
     assert told.stage["delay"] == pytest.approx(DELAY, rel=0.01)
+    low, high = told.stage.parameters["delay"].ci95
+    assert low - 0.5 * (high - low) < DELAY < high + 0.5 * (high - low)
+    assert 0.0 < high - low < 0.05 * DELAY
 
 
 def test_another_divider_is_a_note_and_no_cause(plain):
