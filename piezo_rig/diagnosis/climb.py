@@ -81,7 +81,6 @@ def climb(
     held_out: Sequence[tuple[Callable[[Fitted], float], float]],
     noise_nm: float,
     others: int = 0,
-    known: Sequence[Step] = (),
 ) -> Ladder:
     """Forward selection from a fitted baseline, with detours at the end.
 
@@ -94,15 +93,12 @@ def climb(
         factor by which each may rise
     noise_nm : of one recording, what no model falls below
     others : causes that were tried elsewhere (on the raw recordings), for the correction
-    known : steps to begin with, found in a part of the data
     """
-    search = Search(space, first, rng, tell, held_out, noise_nm, others, list(known))
-    search.rearranged = bool(known)
+    search = Search(space, first, rng, tell, held_out, noise_nm, others)
     search.forward()
     clear(search)
     for _ in range(ROUNDS):
-        tried = bool(known) or not search.few  # a part of the data has had its detours
-        if (tried and not search.left_over()) or not search.detour():
+        if not (search.few or search.left_over()) or not search.detour():
             break
     faint(search)
     return Ladder(search.first, tuple(search.rungs()), tuple(search.scans))

@@ -7,7 +7,6 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from piezo_rig.chain import Model
 from piezo_rig.diagnosis import engine
 from piezo_rig.diagnosis.climb import Ladder, Step, climb
 from piezo_rig.diagnosis.early import Reading, noise_floor_nm
@@ -15,8 +14,6 @@ from piezo_rig.diagnosis.fit import Point
 from piezo_rig.diagnosis.groups import Groups
 from piezo_rig.diagnosis.held_out import Errors, carried_over_nm, held_out_errors, reported_kind
 from piezo_rig.diagnosis.monitored import freed, taken_in
-from piezo_rig.diagnosis.noise import Spectrum, Whitener
-from piezo_rig.diagnosis.part import carried_over, part_of
 from piezo_rig.diagnosis.refit import Fitted, refit
 from piezo_rig.diagnosis.space import Space
 
@@ -33,11 +30,8 @@ class Climbed:
     folds, kind : how things were held out for the climb, and for the figures
     floor_nm : noise of one recording; None without repeats
     repeated : whether the noise was measured between repeats
-    first : the baseline; the ladder is climbed from the last of ``held``, if there are any
-    held : rungs that nothing in these data changes: those of the drive monitor, and what only a
-        part of the recordings, at a higher rate, can show
+    first : the baseline; the ladder is climbed from the last of ``monitored``, if there are any
     monitored, said : rungs that the drive monitor gives; what it shows beside
-    part : the ladder of such a part, which this one was begun with
     """
 
     space: Space
@@ -46,10 +40,8 @@ class Climbed:
     floor_nm: float | None
     repeated: bool
     first: Fitted
-    held: list[Step] = field(default_factory=list)
     monitored: list[Step] = field(default_factory=list)
     said: list[str] = field(default_factory=list)
-    part: Climbed | None = None
     ladder: Ladder = field(init=False)
     _known: dict[int, tuple[Point, Errors]] = field(default_factory=dict)
 
@@ -67,42 +59,22 @@ def climbed(
 ) -> Climbed:
     """The ladder of recordings that are clean of events and hum.
 
-    Of many recordings, a part is climbed first.
-
     Parameters
     ----------
     others : causes that were tried elsewhere (on the raw recordings), for the correction
     reading : of the drive monitor
     """
-    few = part_of(clean)
-    part = None
-    if few is not None:
-        tell("a part of the recordings")
-        part = climbed(few, start, rng, tell, others, reading)
-        part.space.rest()
     tell("noise")
-    spectrum = engine.repeat_spectrum(clean)
-    repeated = spectrum is not None
-    if spectrum is None:
-        spectrum = engine.generous_spectrum(bare_space(clean), start, rng)
-    space, folds = engine.space_of(clean, spectrum, start.model)
+    whitener, repeated = engine.noise_of(clean, start, rng)
+    space, folds = engine.space_of(clean, whitener, start.model)
     first = refit(space, start)
     floor = noise_floor_nm(clean)
     out = Climbed(space, folds, reported_kind(clean, folds), floor, repeated, first)
-    known: list[Step] = []
-    if part is not None:
-        tell("all recordings")
-        out.part, out.said = part, part.said
-        space.excluded |= part.space.excluded
-        out.held, known = carried_over(space, first, part)
-        read = {s.cause for s in part.monitored}
-        out.monitored = [s for s in out.held if s.cause in read]
-    elif reading is not None:
+    if reading is not None:
         tell("what the drive monitor says")
         out.monitored, out.said = taken_in(space, first, reading)
-        out.held = out.monitored
-    if out.held:
-        first = out.held[-1].fitted
+        if out.monitored:
+            first = out.monitored[-1].fitted
 
     def reported(fitted: Fitted) -> float:
         return out.errors(fitted).rms_nm
@@ -115,23 +87,7 @@ def climbed(
     gates = [(reported, STRICT if close else WORSE)]
     if out.kind != folds:
         gates.append((carries_over, AWAY))
-    out.ladder = climb(space, first, rng, tell, gates, floor or space.noise_nm, others,
-                       known)
+    out.ladder = climb(space, first, rng, tell, gates, floor or space.noise_nm, others)
     if out.monitored:
         out.ladder = freed(space, out.ladder)
     return out
-
-
-def bare_space(groups: Groups) -> Space:
-    """A space with white noise, not yet prepared for any model."""
-    white = Spectrum(np.array([1e-6, 0.5]), np.log([1e-6, 1e-6]), np.zeros(2))
-    return Space(
-        groups, engine.pieces_of(groups)[0], Whitener(white), engine.scales_of(groups), False
-    )
-
-
-def plain_space(groups: Groups, model: Model) -> Space:
-    """A space for least squares with white noise and no dictionary."""
-    space = bare_space(groups)
-    space.prepare(model)
-    return space

@@ -14,9 +14,10 @@ from piezo_rig.causes.cause import Cause, FirstSpring
 from piezo_rig.chain import Model, Parameter
 from piezo_rig.diagnosis.checks import baseline_warnings, data_warnings
 from piezo_rig.diagnosis.climb import BEND
-from piezo_rig.diagnosis.climbed import climbed, plain_space
+from piezo_rig.diagnosis.climbed import climbed
 from piezo_rig.diagnosis.confusion import confusion
 from piezo_rig.diagnosis.early import HUM, TRIED, clean_up, find_line, hum_again, read_monitor
+from piezo_rig.diagnosis.engine import plain_space
 from piezo_rig.diagnosis.first_spring import offset_of, with_offset
 from piezo_rig.diagnosis.fit import Point, starting_model
 from piezo_rig.diagnosis.follow_up import FollowUp, follow_up
@@ -139,7 +140,7 @@ def diagnose(
     stages = [(f.cause, f.groups) for f in found_early]
     space, ladder, kind, floor = search.space, search.ladder, search.kind, search.floor_nm
     folds, errors = search.folds, search.errors
-    steps = [*search.held, *ladder.steps]
+    steps = [*search.monitored, *ladder.steps]
     notes += search.said
     if not search.repeated:
         notes.append("no repeats: the noise is estimated from what a generous model leaves, and "
@@ -181,9 +182,7 @@ def diagnose(
                 "linear in the drive"
             )
             continue
-        where = search.part if search.part and step in search.held else search
-        settle(where.space, where.ladder.last.point)
-        found = confusion(where.space, where.ladder.last, step.cause)
+        found = confusion(space, last, step.cause)
         members = [s.cause for s in steps]
         confused[step.cause] = [
             *found.alternatives,

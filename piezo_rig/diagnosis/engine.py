@@ -9,10 +9,12 @@ from piezo_rig.chain import Model
 from piezo_rig.diagnosis import dictionary
 from piezo_rig.diagnosis.dictionary import Scales
 from piezo_rig.diagnosis.fit import Point
-from piezo_rig.diagnosis.groups import Groups
+from piezo_rig.diagnosis.groups import FEW, Groups
+from piezo_rig.diagnosis.linear import Piece
 from piezo_rig.diagnosis.noise import Spectrum, Whitener, spectrum_of
 from piezo_rig.diagnosis.scan import candidates
-from piezo_rig.diagnosis.space import Piece, Space
+from piezo_rig.diagnosis.space import Space
+from piezo_rig.diagnosis.whitening import CellWhitener
 
 FloatArray = NDArray[np.float64]
 ROUNDS = 3
@@ -47,24 +49,33 @@ def pieces_of(groups: Groups) -> tuple[tuple[Piece, ...], str]:
     left out (`held_out.REPEATS`); these folds then only judge whether a model carries over.
     """
     conditions = sorted({g.condition for g in groups.groups})
-    pieces: list[Piece] = []
     if len(groups.groups) > 1:
         named = len(conditions) >= 3
-        for i, g in enumerate(groups.groups):
-            fold = conditions.index(g.condition) if named else i
-            pieces += [Piece(i, a, b, fold) for a, b in groups.edges(g)]
+        pieces = [
+            piece for i, g in enumerate(groups.groups)
+            for piece in _blocks(groups, i, conditions.index(g.condition) if named else i)
+        ]  # fmt: skip
         return tuple(pieces), "condition" if named else "sweep"
-    (group,) = groups.groups
     cut = last_third(groups)
     if cut is None:
-        return tuple(Piece(0, a, b, 0) for a, b in groups.edges(group)), "none"
-    for (a, b), (first, last) in zip(groups.edges(group), group.blocks, strict=True):
-        at = a + int(np.clip(cut - first, 0, last - first)) // groups.factor
-        if at - a >= 16:
-            pieces.append(Piece(0, a, at, 0))
-        if b - at >= 16:
-            pieces.append(Piece(0, at, b, 1))
+        return tuple(_blocks(groups, 0, 0)), "none"
+    pieces = []
+    for whole in _blocks(groups, 0, 0):
+        n = len(whole.cells.marks)
+        at = int(np.clip((cut - whole.first) // groups.factor, 0, n))
+        for fold, (i, j) in enumerate([(0, at), (at, n)]):
+            if j - i >= 16:
+                begin, end = (whole.begin + int(whole.cells.begins[k]) for k in (i, j))
+                first = whole.first + i * groups.factor
+                pieces.append(Piece(0, begin, end, fold, first, whole.cells.part(i, j)))
     return tuple(pieces), "cycles"
+
+
+def _blocks(groups: Groups, index: int, fold: int) -> list[Piece]:
+    """The blocks of one group."""
+    group = groups.groups[index]
+    parts = zip(groups.edges(group), group.blocks, groups.cells(group), strict=True)
+    return [Piece(index, a, b, fold, first, cells) for (a, b), (first, _), cells in parts]
 
 
 def last_third(groups: Groups) -> int | None:
@@ -76,6 +87,25 @@ def last_third(groups: Groups) -> int | None:
     if cycles < 3:
         return None
     return int(turns[2 * (cycles - max(1, cycles // 3))])
+
+
+def noise_of(
+    groups: Groups, point: Point, rng: np.random.Generator, raised: float | None = None
+) -> tuple[CellWhitener, bool]:
+    """What makes the noise white, and whether repeats show it; else what a generous model leaves.
+
+    ``point`` : a fitted baseline
+    """
+    even, single = groups.evenly(), None
+    averages = repeat_spectrum(even)
+    repeated = averages is not None
+    if averages is None:
+        averages = generous_spectrum(bare_space(even), point, rng)
+    if any(g.fine for g in groups.groups):
+        single = repeat_spectrum(groups.whole())
+        if single is None:
+            single = generous_spectrum(bare_space(groups.whole(FEW)), point, rng)
+    return CellWhitener(averages, single, raised), repeated
 
 
 def repeat_spectrum(groups: Groups) -> Spectrum | None:
@@ -148,13 +178,24 @@ def generous_spectrum(space: Space, point: Point, rng: np.random.Generator) -> S
     return current
 
 
-def space_of(
-    groups: Groups, spectrum: Spectrum, model: Model, raised: float | None = None
-) -> tuple[Space, str]:
+def space_of(groups: Groups, whitener: CellWhitener, model: Model) -> tuple[Space, str]:
     """A prepared space, and what is held out."""
     pieces, kind = pieces_of(groups)
-    whitener = Whitener(spectrum) if raised is None else Whitener(spectrum, raised)
     first = any(s.has_elements and s.id != "maxwell" for s in model.stages)
     space = Space(groups, pieces, whitener, scales_of(groups), first)
     space.prepare(model)
     return space, kind
+
+
+def bare_space(groups: Groups) -> Space:
+    """A space with white noise, not yet prepared for any model."""
+    averages = Spectrum(np.array([1e-6, 0.5]), np.log([1e-6, 1e-6]), np.zeros(2))
+    white = CellWhitener(averages, averages.scaled(float(groups.factor)))
+    return Space(groups, pieces_of(groups)[0], white, scales_of(groups), False)
+
+
+def plain_space(groups: Groups, model: Model) -> Space:
+    """A space for least squares with white noise and no dictionary."""
+    space = bare_space(groups)
+    space.prepare(model)
+    return space

@@ -2,26 +2,30 @@
 
 A *group* is one drive with one history, and every recording of it. Drive-locked effects are
 sought in the mean over the group, clock-locked ones in the single recordings. The mean is thinned
-by averaging blocks of samples, the same for measurement and prediction, so that nothing is lost
-but what lies above the thinned rate.
+to averages of cells, the same for measurement and prediction; beside corners of the drive single
+samples are kept (`cells`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
 from piezo_rig.causes.cause import added_by
 from piezo_rig.chain import HalfLoops, Memo, Model
+from piezo_rig.diagnosis.cells import Cells, Ranges, beside_corners, cells_of, corners
 from piezo_rig.errors import InputError
 from piezo_rig.identification.data import Data, Track
 from piezo_rig.run_file.sweep import Sweep
 
 FloatArray = NDArray[np.float64]
-ENOUGH = 65_000  # thinned samples in all
+FEW, ENOUGH = 20_000, 10_000  # samples that are left as they are; averages otherwise, in all
+BESIDE_CORNERS = 60  # corners beside which samples are kept, in all, and of each drive
+OF_EACH = 2
 SAME_DRIVE = 0.01  # rms difference, of the drive's range
 LOOKED_BACK = 3  # recordings
 SLOWEST = 450.0  # samples per second that thinning leaves at least, where there are as many
@@ -43,6 +47,7 @@ class Group:
     sweeps : for every recording the indices of its sweeps
     earlier : share of the recordings, and the turning points of the drives before them, oldest
         first; empty where the history is not known
+    fine : ranges of samples that are not thinned
     """
 
     time_s: FloatArray
@@ -55,6 +60,7 @@ class Group:
     condition: str
     sweeps: tuple[tuple[int, ...], ...]
     earlier: tuple[tuple[float, tuple[FloatArray, ...]], ...] = ()
+    fine: Ranges = ()
     memo: Memo = field(default_factory=Memo, init=False, repr=False)
     memos: dict[int, Memo] = field(default_factory=dict, init=False, repr=False)
 
@@ -94,6 +100,18 @@ class Group:
         for memo in (self.memo, *self.memos.values()):
             memo.remember(model)
 
+    def begun(self, samples: int) -> Group:
+        """The group up to the last turning point within so many samples, two half loops at least.
+        """
+        loops = self.loops
+        count = max(int(np.searchsorted(loops.stop, samples, side="right")), min(2, len(loops)))
+        end = min(int(loops.stop[count - 1]) + 1, self.drive_v.size) if len(loops) else samples
+        return replace(
+            self, time_s=self.time_s[:end], drive_v=self.drive_v[:end],
+            measured_um=self.measured_um[:, :end], loops=loops.first(count),
+            blocks=tuple((a, min(b, end)) for a, b in self.blocks if min(b, end) - a >= 8),
+        )  # fmt: skip
+
     def with_measured(self, measured_um: FloatArray) -> Group:
         return replace(self, measured_um=measured_um)
 
@@ -129,26 +147,37 @@ class Groups:
     def with_(self, groups: Sequence[Group]) -> Groups:
         return replace(self, groups=tuple(groups))
 
+    @property
+    def finest_rate(self) -> float:
+        """Samples per second beside corners, if they are kept there."""
+        return self.rate if any(g.fine for g in self.groups) else self.thinned_rate
+
+    def evenly(self) -> Groups:
+        """The same, with single samples nowhere."""
+        return self.with_([replace(g, fine=()) for g in self.groups])
+
+    def whole(self, samples: int | None = None) -> Groups:
+        """The same, not thinned; the beginnings of so many samples in all."""
+        groups = self.evenly().groups
+        if samples is not None:
+            groups = tuple(g.begun(samples // len(groups)) for g in groups)
+        return Groups(groups, self.rate, 1)
+
+    def cells(self, group: Group) -> list[Cells]:
+        """Of each block of a group."""
+        return [cells_of(a, b, group.fine, self.factor) for a, b in group.blocks]
+
     def edges(self, group: Group) -> list[tuple[int, int]]:
         """Blocks of a thinned group: (first, one past last) thinned sample."""
-        out, at = [], 0
-        for a, b in group.blocks:
-            n = (b - a) // self.factor
-            out.append((at, at + n))
-            at += n
-        return out
+        ends = np.cumsum([0, *(c.size for c in self.cells(group))])
+        return [(int(a), int(b)) for a, b in pairwise(ends)]
 
     def thinned(self, group: Group, values: FloatArray) -> FloatArray:
-        """Block averages of values (..., n) over the group's blocks, shape (..., m)."""
-        parts = []
-        for a, b in group.blocks:
-            n = (b - a) // self.factor
-            cut = values[..., a : a + n * self.factor]
-            if self.factor > 1:
-                # as a product, which is far faster than a mean over few
-                cut = cut.reshape(*values.shape[:-1], n, self.factor)
-                cut = cut @ np.full(self.factor, 1.0 / self.factor)
-            parts.append(cut)
+        """Values (..., n) over the group's blocks, shape (..., m): averages and single samples."""
+        parts = [
+            cells.shortened(values[..., a:b])
+            for (a, b), cells in zip(group.blocks, self.cells(group), strict=True)
+        ]
         return np.concatenate(parts, axis=-1)
 
 
@@ -184,7 +213,16 @@ def group_tracks(data: Data, sweeps: Sequence[Sweep]) -> Groups:
     )  # fmt: skip
     total = sum(b - a for g in groups for a, b in g.blocks)
     factor = int(np.clip(np.ceil(total / ENOUGH), 1, max(1, rate / SLOWEST)))
-    return Groups(groups, rate, factor)
+    if total <= FEW or factor == 1:
+        return Groups(groups, rate, 1)
+    most = max(BESIDE_CORNERS // len(groups), OF_EACH)
+    return Groups(tuple(_fine(g, rate, factor, most) for g in groups), rate, factor)
+
+
+def _fine(group: Group, rate: float, factor: int, most: int) -> Group:
+    """With single samples beside corners of its drive."""
+    at = corners(group.drive_v, group.blocks, factor)
+    return replace(group, fine=beside_corners(at, rate, most, group.drive_v.size))
 
 
 def _earlier(

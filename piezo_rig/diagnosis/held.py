@@ -39,9 +39,8 @@ def bends_left(
     bands = [groups.thinned(g, basis.bands(model, g)) for g in groups.groups]
     gram = cross = np.zeros(0)
     for k, g in enumerate(groups.groups):
-        for a, b in groups.edges(g):
-            x, y = bands[k][:, a:b], bends[k][:, a:b]
-            x, y = x - x.mean(axis=1, keepdims=True), y - y.mean(axis=1, keepdims=True)
+        for (a, b), cells in zip(groups.edges(g), groups.cells(g), strict=True):
+            x, y = cells.centred(bands[k][:, a:b]), cells.centred(bends[k][:, a:b])
             more = g.repeats * x @ x.T, g.repeats * x @ y.T
             gram, cross = more if not gram.size else (gram + more[0], cross + more[1])
     size = 1.0 / np.sqrt(np.maximum(np.diag(gram), 1e-300))

@@ -122,7 +122,7 @@ def held_out_errors(
                 predicted = group.predicted(point.model)
             begin = 0
             if kind == "cycles":
-                begin = min(pieces[i].begin for i in held) * groups.factor + group.blocks[0][0]
+                begin = min(pieces[i].first for i in held)
             for r, row in enumerate(group.measured_um):
                 for a, b in group.blocks:
                     if b - max(a, begin) < 8:

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from scipy import stats
 from scipy.linalg import lapack
 
-from piezo_rig.diagnosis.space import Linear
+from piezo_rig.diagnosis.linear import Linear
 
 FloatArray = NDArray[np.float64]
 NULLS = 200

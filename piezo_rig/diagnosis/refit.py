@@ -19,7 +19,8 @@ from piezo_rig.chain import Model, Stage
 from piezo_rig.diagnosis.fit import Point, smoothness
 from piezo_rig.diagnosis.likelihood import Likelihood, Reduced, reduce
 from piezo_rig.diagnosis.likelihood import covariance_of as covariance_of
-from piezo_rig.diagnosis.space import Linear, Space
+from piezo_rig.diagnosis.linear import Linear
+from piezo_rig.diagnosis.space import Space
 from piezo_rig.errors import InputError
 
 FloatArray = NDArray[np.float64]
@@ -189,14 +190,6 @@ def refit(space: Space, point: Point, steps: int = STEPS, held: bool = False) ->
     likelihood.reduced.covariance.forget()
     space.keep(point, linear)
     return Fitted(point, space, covariance, scales, evidence)
-
-
-def known_of(space: Space, point: Point) -> FloatArray:
-    """Variances (q,) with which these data know a model's stage parameters."""
-    settle(space, point)
-    linear = space.linear(point)
-    scales = _likelihood(point, linear)[0].best_scales(range(-len(point.sizes), 0))
-    return np.diag(parameter_step(point, linear, scales)[1])
 
 
 def settle(space: Space, point: Point) -> None:

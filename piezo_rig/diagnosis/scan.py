@@ -78,7 +78,7 @@ def context_of(space: Space, model: Model) -> Context:
         np.concatenate(slews),
         1.0 / space.groups.rate,
         longest,
-        space.groups.thinned_rate,
+        space.groups.finest_rate,
     )
 
 

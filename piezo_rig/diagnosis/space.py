@@ -20,86 +20,26 @@ from piezo_rig.diagnosis import basis, dictionary, held
 from piezo_rig.diagnosis.dictionary import Scales
 from piezo_rig.diagnosis.fit import Point
 from piezo_rig.diagnosis.groups import Group, Groups
-from piezo_rig.diagnosis.noise import Whitener
+from piezo_rig.diagnosis.linear import (
+    Bands,
+    Fixed,
+    Key,
+    Layout,
+    Linear,
+    Piece,
+    Rows,
+    assembled,
+    joined,
+    no_bands,
+)
+from piezo_rig.diagnosis.whitening import CellWhitener
 
 FloatArray = NDArray[np.float64]
 MOST_KNOWN, MOST_BANDS, MOST_LINEAR = 4, 6, 4  # kept
 MOST_GIVEN = 4  # of every group
 NEAR = 0.15  # columns of a model whose numbers are this near serve as well
 THREADS = 2
-Key = tuple[object, ...]
 Made = TypeVar("Made")
-
-
-@dataclass(frozen=True)
-class Piece:
-    """Thinned samples begin..end of one block of one group; ``fold`` is held out together."""
-
-    group: int
-    begin: int
-    end: int
-    fold: int
-
-
-@dataclass(frozen=True, eq=False)
-class Fixed:
-    """Columns that do not depend on the model's numbers, of one piece.
-
-    ``white`` (m, n) whitened: powers, fine, generic; ``gram`` (m, m) of it; ``raw`` (m, n)
-    unwhitened and centred, for sizes in nm.
-    """
-
-    white: FloatArray
-    gram: FloatArray
-    raw: NDArray[np.float32]
-
-
-@dataclass(frozen=True, eq=False)
-class Bands:
-    """What the bands of the element tables do in one piece, shapes (b, n), per unit of compliance.
-
-    ``white`` whitened, ``raw`` unwhitened and centred; their Gram matrices, and ``cross`` (b, m)
-    with the fixed columns.
-    """
-
-    white: FloatArray
-    raw: FloatArray
-    gram: FloatArray
-    raw_gram: FloatArray
-    cross: FloatArray
-
-
-@dataclass(frozen=True, eq=False)
-class Layout:
-    """Where which columns are: base, powers, fine, generic, trials.
-
-    ``twice`` : how many of the powers the base holds already, as coefficients of a bend. Projected
-    off once more they would take along what rounding makes of them.
-    """
-
-    base: int
-    powers: int
-    fine: int
-    generic: int
-    trials: int
-    twice: int = 0
-
-    def part(self, name: str) -> slice:
-        at = 0
-        for key in ("base", "powers", "fine", "generic", "trials"):
-            n = int(getattr(self, key))
-            if key == name:
-                return slice(at, at + n)
-            at += n
-        raise KeyError(name)
-
-
-class Rows(NamedTuple):
-    """Base columns of one piece: those of the bands, shared, and the others of a point."""
-
-    bands: Bands
-    white: FloatArray
-    raw: FloatArray
 
 
 class _Row(NamedTuple):
@@ -112,41 +52,13 @@ class _Row(NamedTuple):
     rows: Rows
 
 
-@dataclass(frozen=True, eq=False)
-class Linear:
-    """Gram matrices about one point, per piece.
-
-    Attributes
-    ----------
-    white : shape (k, c, c), columns as `Layout` says
-    residual : shape (k, c + 1), its products with the columns, and with itself
-    raw : shape (k, p + 1, p + 1), unwhitened base columns and residual, um^2 summed over samples
-    count : shape (k,), recordings x thinned samples
-    law : shape (generic,), variance of each dictionary column that the freedom of the accepted
-        causes' assumed laws gives it, um^2
-    made_for : which columns of the space they are about
-    rows : per piece the whitened and the unwhitened base columns, for another residual
-    axes : of `likelihood.reduce`, which do not depend on the residual
-    """
-
-    layout: Layout
-    white: FloatArray
-    residual: FloatArray
-    raw: FloatArray
-    count: FloatArray
-    law: FloatArray
-    rows: tuple[Rows, ...] = ()
-    made_for: Key = ()
-    axes: dict[Key, Any] = field(default_factory=dict)
-
-
 @dataclass(eq=False)
 class Space:
     """Data, whitener and fixed columns together."""
 
     groups: Groups
     pieces: tuple[Piece, ...]
-    whitener: Whitener
+    whitener: CellWhitener
     scales: Scales
     first_rise: bool  # whether the model has an own curve for the first rise
     held: bool = False  # whether the model is held fixed: nothing of it follows the data
@@ -211,9 +123,9 @@ class Space:
                 if piece.group != index:
                     continue
                 generic = self.generic[at]
-                white, raw = self._kept(moved[:, piece.begin : piece.end], group)
+                white, raw = self._kept(moved[:, piece.begin : piece.end], at)
                 cross = white @ generic.white.T
-                gram = _joined(white @ white.T, cross, generic.gram)
+                gram = joined(white @ white.T, cross, generic.gram)
                 made.append((moved.shape[0] - plays.shape[0], Fixed(
                     np.concatenate([white, generic.white]), gram,
                     np.concatenate([raw, generic.raw]),
@@ -274,12 +186,6 @@ class Space:
         known = self._linears.get(id(point))
         return known[1] if known is not None else None
 
-    def rest(self) -> None:
-        """Give up what can be made again."""
-        for known in (self._known, self._bands, self._of_given, self._tangents, self._linears):
-            known.clear()  # type: ignore[attr-defined]
-        self.fixed, self._made_for = [], ()
-
     def about(self, point: Point, linear: Linear) -> Linear:
         """Gram matrices about a point: those of a point near by, if of the same columns."""
         return linear if linear.rows and linear.made_for == self._made_for else self.linear(point)
@@ -302,26 +208,25 @@ class Space:
             f = dictionary.features(group, self.scales, group.predicted(model))
             made, self.tags = dictionary.generic(group, self.scales, f)
             generic = self.groups.thinned(group, made)
-            for piece in self.pieces:
+            for at, piece in enumerate(self.pieces):
                 if piece.group == index:
-                    white, raw = self._kept(generic[:, piece.begin : piece.end], group)
+                    white, raw = self._kept(generic[:, piece.begin : piece.end], at)
                     self.generic.append(Fixed(white, white @ white.T, raw))
 
-    def _kept(self, cut: FloatArray, group: Group) -> tuple[FloatArray, NDArray[np.float32]]:
+    def _kept(self, cut: FloatArray, at: int) -> tuple[FloatArray, NDArray[np.float32]]:
         """Columns of one piece, whitened, and unwhitened and centred.
 
         What the base leaves of them is far smaller than they are: the white ones stay exact.
         """
-        white = self.whiten(cut, np.sqrt(group.repeats))
-        raw = cut - cut.mean(axis=1, keepdims=True)
-        return white, raw.astype(np.float32)
+        return self.whiten(cut, at), self.pieces[at].cells.centred(cut).astype(np.float32)
 
-    def whiten(self, rows: FloatArray, weight: float) -> FloatArray:
-        """Whitened rows with the piece's offset projected out."""
-        one = self.whitener.ones(rows.shape[1])
-        white = self.whitener(rows)
+    def whiten(self, rows: FloatArray, at: int) -> FloatArray:
+        """Rows of one piece, whitened, its offset projected out."""
+        piece = self.pieces[at]
+        one = self.whitener.ones(piece.cells)
+        white = self.whitener(rows, piece.cells)
         white -= np.outer(white @ one / float(one @ one), one)
-        white *= weight
+        white *= np.sqrt(self.groups.groups[piece.group].repeats)
         return white
 
     def linear(self, point: Point, trials: Sequence[tuple[Model, Model]] = ()) -> Linear:
@@ -364,18 +269,17 @@ class Space:
             cut = moving[:, piece.begin : piece.end]
             fixed, base = self.fixed[at], bands[at]
             k = len(base.white)
-            white = self.whiten(cut, np.sqrt(group.repeats))
+            white = self.whiten(cut, at)
             known = base.white @ white.T
-            gram = _joined(base.gram, known, white @ white.T)
+            gram = joined(base.gram, known, white @ white.T)
             cross = np.concatenate([base.cross, white @ fixed.white.T])
-            own = np.concatenate([cut[: p - k], cut[-1:]])
-            own = own - own.mean(axis=1, keepdims=True)
+            own = piece.cells.centred(np.concatenate([cut[: p - k], cut[-1:]]))
             known = base.raw @ own.T
             out.append(_Row(
-                _assembled(gram[:-1, :-1], cross[:-1], fixed.gram, p),
+                assembled(gram[:-1, :-1], cross[:-1], fixed.gram, p),
                 np.concatenate([gram[-1, :p], cross[-1], gram[-1, p:]]),
-                group.repeats * _joined(base.raw_gram, known, own @ own.T),
-                float(group.repeats * cut.shape[1]),
+                group.repeats * joined(base.raw_gram, known, own @ own.T),
+                float(group.repeats * piece.cells.share.sum()),
                 Rows(base, white[: p - k].copy(), own[:-1]),
             ))  # fmt: skip
         return out
@@ -397,12 +301,12 @@ class Space:
                 if piece.group != index:
                     continue
                 cut = left[piece.begin : piece.end]
-                r = self.whiten(cut[None], np.sqrt(group.repeats))[0]
+                r = self.whiten(cut[None], at)[0]
                 base, own, bare = linear.rows[at]
                 residual[at] = np.concatenate(
                     [base.white @ r, own @ r, self.fixed[at].white @ r, [r @ r]]
                 )
-                cut = cut - cut.mean()
+                cut = piece.cells.centred(cut[None])[0]
                 cross = group.repeats * np.concatenate([base.raw @ cut, bare @ cut])
                 raw[at, :p, -1] = raw[at, -1, :p] = cross
                 raw[at, -1, -1] = group.repeats * cut @ cut
@@ -439,7 +343,7 @@ class Space:
         """Derivatives by the compliances, piece by piece, as of the model that was prepared."""
         assert self._prepared is not None
         if not point.tables:
-            return [_no_bands(p.end - p.begin, len(f.white))
+            return [no_bands(p.end - p.begin, len(f.white))
                     for p, f in zip(self.pieces, self.fixed, strict=True)]  # fmt: skip
         own = tuple(s.elements.knots_v.round(9).tobytes() for s in point.tables if s.elements)
         key = (self._made_for, *own)
@@ -463,8 +367,7 @@ class Space:
                 if piece.group != index:
                     continue
                 cut = moved[:, piece.begin : piece.end]
-                white = self.whiten(cut, np.sqrt(group.repeats))
-                raw = cut - cut.mean(axis=1, keepdims=True)
+                white, raw = self.whiten(cut, at), piece.cells.centred(cut)
                 fixed = self.fixed[at].white
                 made.append(Bands(white, raw, white @ white.T, raw @ raw.T, white @ fixed.T))
             return made
@@ -528,36 +431,10 @@ def _driven(group: Group, model: Model) -> Group:
     return replace(group, drive_v=np.ascontiguousarray(signal.drive_v)) if stages else group
 
 
-def _no_bands(samples: int, fixed: int) -> Bands:
-    none, empty = np.zeros((0, samples)), np.zeros((0, 0))
-    return Bands(none, none, empty, empty, np.zeros((0, fixed)))
-
-
 def _with_tables(model: Model, of: Model) -> Model:
     """A model's other stages around another one's element tables."""
     others = [s for s in model.stages if s.elements is None]
     out = of.with_(stages=tuple(s for s in of.stages if s.elements is not None))
     for stage in others:
         out = out.with_stage(stage)
-    return out
-
-
-def _assembled(own: FloatArray, cross: FloatArray, fixed: FloatArray, p: int) -> FloatArray:
-    """Columns in the order base, fixed, trials."""
-    m = fixed.shape[0]
-    out = np.empty((own.shape[0] + m, own.shape[0] + m))
-    base, theirs, rest = slice(0, p), slice(p, p + m), slice(p + m, None)
-    for mine, here in ((base, slice(0, p)), (rest, slice(p, None))):
-        out[mine, base], out[mine, rest] = own[here, :p], own[here, p:]
-        out[mine, theirs] = cross[here]
-        out[theirs, mine] = cross[here].T
-    out[theirs, theirs] = fixed
-    return out
-
-
-def _joined(first: FloatArray, cross: FloatArray, second: FloatArray) -> FloatArray:
-    """Gram matrix of two sets of columns together, from theirs and their products (a, b)."""
-    a = first.shape[0]
-    out = np.empty((a + second.shape[0], a + second.shape[0]))
-    out[:a, :a], out[:a, a:], out[a:, :a], out[a:, a:] = first, cross, cross.T, second
     return out

@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 from piezo_rig.diagnosis import dictionary
 from piezo_rig.diagnosis.early.lines import Line
 from piezo_rig.diagnosis.likelihood import Likelihood, Reduced, reduce
+from piezo_rig.diagnosis.linear import Linear
 from piezo_rig.diagnosis.refit import Fitted, covariance_of
 from piezo_rig.diagnosis.scan import LEVEL
-from piezo_rig.diagnosis.space import Linear, Space
+from piezo_rig.diagnosis.space import Space
 
 FloatArray = NDArray[np.float64]
 WORDS = ("drive", "displacement", "direction", "range", "time_since_turn", "cycle", "clock",

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from piezo_rig.diagnosis.likelihood import GRID, Likelihood, reduce
+from piezo_rig.diagnosis.linear import Layout, Linear
 from piezo_rig.diagnosis.noise import Spectrum, Whitener
-from piezo_rig.diagnosis.space import Layout, Linear
 
 BASE, FINE, GENERIC, TRIALS, SAMPLES = 4, 12, 9, 3, 400
 
