@@ -133,8 +133,8 @@ class Point:
             out.append((point.model, float(moved - values[j])))
         return out
 
-    def tangent(self, group: Group, first: int = 0) -> tuple[FloatArray, FloatArray]:
-        """Prediction (n,) and its derivative by the free numbers from ``first`` on, (p, n)."""
+    def tangent(self, group: Group, first: int = 0) -> FloatArray:
+        """Derivative of the prediction by the free numbers from ``first`` on, (p, n)."""
         group.remember(self.model)
         base = group.predicted(self.model)
         near = self.neighbours(first)
@@ -142,7 +142,7 @@ class Point:
         for j, (model, step) in enumerate(near):
             np.subtract(group.predicted_once(model), base, out=out[j])
             out[j] /= step
-        return base, out
+        return out
 
 
 def _replaced(model: Model, stage: Stage) -> Model:

@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -116,6 +117,13 @@ class Group:
         return replace(self, measured_um=measured_um)
 
 
+class Short(NamedTuple):
+    """A group whose drive is thinned as its recordings are, and which samples are theirs (n,)."""
+
+    group: Group
+    inside: NDArray[np.bool_]
+
+
 @dataclass(frozen=True, eq=False)
 class Groups:
     """All groups, and the factor by which they are thinned."""
@@ -123,6 +131,7 @@ class Groups:
     groups: tuple[Group, ...]
     rate: float
     factor: int
+    _short: dict[int, tuple[Group, Short]] = field(default_factory=dict, init=False, repr=False)
 
     @property
     def thinned_rate(self) -> float:
@@ -179,6 +188,33 @@ class Groups:
             for (a, b), cells in zip(group.blocks, self.cells(group), strict=True)
         ]
         return np.concatenate(parts, axis=-1)
+
+    def short(self, group: Group) -> Short:
+        """What a small change of a model does can be played over far fewer samples.
+
+        What lies outside of the blocks, or is left over at their ends, is not thinned: the
+        actuator remembers it.
+        """
+        known = self._short.get(id(group))
+        if known is None:
+            known = self._short[id(group)] = group, self._shortened(group)
+        return known[1]
+
+    def _shortened(self, group: Group) -> Short:
+        if self.factor == 1 and group.blocks == ((0, group.drive_v.size),):
+            return Short(group, np.ones(group.drive_v.size, bool))
+        parts, inside, at = list[FloatArray](), list[NDArray[np.bool_]](), 0
+        both = np.array([group.time_s, group.drive_v])
+        for (a, b), cells in zip(group.blocks, self.cells(group), strict=True):
+            parts += [both[:, at:a], cells.shortened(both[:, a:b])]
+            inside += [np.zeros(a - at, bool), np.ones(cells.size, bool)]
+            at = a + len(cells.marks) * self.factor
+        parts.append(both[:, at:])
+        inside.append(np.zeros(group.drive_v.size - at, bool))
+        time, drive = np.ascontiguousarray(np.concatenate(parts, axis=1))
+        whole = ((0, time.size),)
+        return Short(replace(group, time_s=time, drive_v=drive, blocks=whole, fine=()),
+                     np.concatenate(inside))  # fmt: skip
 
 
 def group_tracks(data: Data, sweeps: Sequence[Sweep]) -> Groups:

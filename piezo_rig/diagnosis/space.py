@@ -317,25 +317,27 @@ class Space:
         self, group: Group, point: Point, trials: Sequence[tuple[Model, Model]]
     ) -> FloatArray:
         """Thinned tangent of all but the bands, trial signatures, residual of one group."""
+        short, inside = self.groups.short(group)
         tangent = self._tangent(group, point)
-        group.remember(point.model)
-        predicted = group.predicted(point.model)
-        rows = []
-        known: dict[int, FloatArray] = {id(point.model): predicted}
-        for before, after in trials:
+        out = np.empty((len(tangent) + len(trials) + 1, int(inside.sum())))
+        out[: len(tangent)] = tangent
+        known: dict[int, FloatArray] = {}
+        for k, (before, after) in enumerate(trials):
             if id(before) not in known:
-                known[id(before)] = group.predicted(before)
-            rows.append((group.predicted_once(after) - known[id(before)])[None])
-        mean = group.measured_um.mean(axis=0)
-        rows.append((mean - predicted)[None])
-        return np.concatenate([tangent, self.groups.thinned(group, np.concatenate(rows))])
+                known[id(before)] = short.predicted(before)
+            moved = short.predicted_once(after) - known[id(before)]
+            out[len(tangent) + k] = moved[inside]
+        left = group.measured_um.mean(axis=0) - group.predicted(point.model)
+        out[-1] = self.groups.thinned(group, left)
+        return out
 
     def _tangent(self, group: Group, point: Point) -> FloatArray:
         """Thinned tangent of all but the bands; that of the latest point is kept."""
         latest = self._tangents.get(id(group))
         if latest is None or latest[0] is not group or latest[1] is not point:
-            _, tangent = point.tangent(group, point.compliances)
-            latest = group, point, self.groups.thinned(group, tangent)
+            short, inside = self.groups.short(group)
+            tangent = point.tangent(short, point.compliances)
+            latest = group, point, tangent[:, inside]
             self._tangents[id(group)] = latest
         return latest[2]
 
