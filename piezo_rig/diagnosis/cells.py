@@ -51,10 +51,6 @@ class Cells:
         """How much of a whole cell each value stands for, shape (m,)."""
         return np.repeat(np.where(self.split, 1.0 / self.factor, 1.0), np.diff(self.begins))
 
-    @cached_property
-    def _single(self) -> NDArray[np.bool_]:
-        return self.share < 1.0
-
     def part(self, begin: int, end: int) -> Cells:
         """Some of the cells."""
         return Cells(self.factor, self.marks[begin:end])
@@ -68,11 +64,14 @@ class Cells:
         cut = cut.reshape(*lead, n, self.factor)
         even = np.full(self.factor, 1.0 / self.factor)
         # averaged by a product, which is far faster than a mean over few
+        mean = np.asarray(cut @ even)
         if not self.split.any():
-            return np.asarray(cut @ even)
+            return mean
         out = np.empty((*lead, self.size))
-        out[..., ~self._single] = cut[..., ~self.split, :] @ even
-        out[..., self._single] = cut[..., self.split, :].reshape(*lead, int(self._single.sum()))
+        out[..., self.begins[:-1][~self.split]] = mean[..., ~self.split]
+        for i, j in self.runs:
+            single = cut[..., i:j, :].reshape(*lead, (j - i) * self.factor)
+            out[..., self.begins[i] : self.begins[j]] = single
         return out
 
     def averages(self, values: FloatArray) -> FloatArray:
@@ -80,12 +79,14 @@ class Cells:
         if not self.split.any() or self.factor == 1:
             return values
         out = np.empty((*values.shape[:-1], len(self.marks)))
-        out[..., ~self.split] = values[..., ~self._single]
-        single = values[..., self._single]
-        single = single.reshape(*values.shape[:-1], int(self.split.sum()), self.factor)
-        out[..., self.split] = single @ np.full(self.factor, 1.0 / self.factor)
+        out[..., ~self.split] = values[..., self.begins[:-1][~self.split]]
+        even = np.full(self.factor, 1.0 / self.factor)
+        for i, j in self.runs:
+            single = values[..., self.begins[i] : self.begins[j]]
+            out[..., i:j] = single.reshape(*values.shape[:-1], j - i, self.factor) @ even
         return out
 
+    @cached_property
     def runs(self) -> list[tuple[int, int]]:
         """Neighbouring cells that are split: (first, one past last)."""
         edges = np.flatnonzero(np.diff(np.concatenate([[0], self.split.astype(int), [0]])))

@@ -210,10 +210,11 @@ def changed_um(space: Space, before: Model, after: Model) -> float:
     """Rms of what a change of model does to the displacement, blocks centred."""
     square = count = 0.0
     for g in space.groups.groups:
-        change = g.predicted(after) - g.predicted(before)
-        for a, b in g.blocks:
-            square += float(np.sum((change[a:b] - change[a:b].mean()) ** 2))
-            count += b - a
+        short, inside = space.groups.short(g)
+        change = (short.predicted(after) - short.predicted(before))[inside]
+        for (a, b), cells in zip(space.groups.edges(g), space.groups.cells(g), strict=True):
+            square += float(np.sum(cells.centred(change[None, a:b]) ** 2))
+            count += float(cells.share.sum())
     return float(np.sqrt(square / max(count, 1.0)))
 
 
@@ -244,17 +245,17 @@ def _moved(
         values[n:] += change
         values[:n] += element_step(point, linear, None, change)
         there = point.moved(values)
-        if playable(space, there.model):
+        if playable(space, there.model, whole=True):
             return there, change
         change = 0.5 * change
     return point, np.zeros_like(change)
 
 
-def playable(space: Space, model: Model) -> bool:
-    """Whether a model can follow all drives of the data."""
+def playable(space: Space, model: Model, whole: bool = False) -> bool:
+    """Whether a model can follow all drives of the data; ``whole`` : unthinned."""
     try:
         for group in space.groups.groups:
-            group.predicted(model)
+            (group if whole else space.groups.short(group).group).predicted(model)
     except InputError:
         return False
     return True

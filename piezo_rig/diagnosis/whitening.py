@@ -56,7 +56,7 @@ class CellWhitener:
         at = mean.shape[1]
         out[:, :at] = white
         last = at
-        for i, j in cells.runs():
+        for i, j in cells.runs:
             begin, end = max(i - MARGIN, 0), min(j + MARGIN, at)
             own, given = self._turn(i - begin, j - i, end - j, f)
             single = rows[:, cells.begins[i] : cells.begins[j]]
