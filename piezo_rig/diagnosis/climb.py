@@ -45,6 +45,7 @@ OF_THE_MISFIT = (
 NEARER = 0.9  # held-out error, of that when a cause was refused, below which it is tried again
 NEAR = 1.1  # held-out error of a rival, of the best one's
 LOOSE = 15.0  # log-likelihood that a law must gain by being let go of
+PROMISED = 0.5  # of that, by a linear look at what is then free, for a refit to be tried
 PLAINLY = 2.0  # and of what any other cause would gain, while there is one
 BEND = Bend.id
 Tell = Callable[[str], None]
@@ -193,10 +194,12 @@ class Search:
             free = kind.loosened if issubclass(kind, Cause) else {}
             if stage is None or not free or set(free) <= set(stage.parameters):
                 continue
-            self.tell(f"refit with {id} of its own law")
             wide = stage.with_values(**{n: stage.neutral[n] for n in free})
             sizes = (*here.point.sizes, *((id, n, size) for n, size in free.items()))
             point = replace(here.point, model=here.point.model.with_stage(wide), sizes=sizes)
+            if self.promised(here, point) < PROMISED * max(LOOSE, best):
+                continue
+            self.tell(f"refit with {id} of its own law")
             fitted = self.wholly(point)
             gained = fitted.evidence - here.evidence
             if gained > max(LOOSE, best) and self.worse(fitted, here) is None:
@@ -205,6 +208,15 @@ class Search:
                 stood_in(self, id)
                 return True
         return False
+
+    def promised(self, here: Fitted, point: Point) -> float:
+        """What a linear look says that freeing more parameters gains."""
+        n, q = here.point.linear, len(here.point.sizes)
+        settle(self.space, here.point)
+        linear = self.space.linear(point)
+        likelihood = Likelihood(reduce(linear, free=range(n, n + len(point.sizes))))
+        columns = range(-len(point.sizes), 0)
+        return likelihood.evidence(columns) - likelihood.evidence(columns[:q])
 
     def wholly(self, point: Point) -> Fitted:
         """Refitted with optional parameters, then held for a fair comparison."""

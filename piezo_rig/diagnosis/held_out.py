@@ -242,7 +242,7 @@ def _between_repeats(
     """
     ratio = float(after.square.sum() / max(before.square.sum(), 1e-300))
     off = after.square - ratio * before.square
-    share = np.array([_fallen(before, after, m) for m in members])
+    share = np.array([_fallen(before, after, m, ratio) for m in members])
     freedom = np.array([m.size - 1.0 for m in members])
     # variance of the sum over a group, of what its fall makes expect
     found = np.array([m.size * np.var(off[m], ddof=1) for m in members]) / share
@@ -251,7 +251,13 @@ def _between_repeats(
     return float(stats.t.ppf(0.975, max(freedom.sum(), 2.0)) * of_rms)
 
 
-def _fallen(before: Errors, after: Errors, m: NDArray[np.int64]) -> float:
-    """Fall of a group's squared error; what noise does without any is a small share of the rest."""
+def _fallen(before: Errors, after: Errors, m: NDArray[np.int64], ratio: float) -> float:
+    """Fall of a group's squared error, and what noise does without any.
+
+    A group whose error hardly falls is still compared with the others' ratio of after to before:
+    of the noise's own square a share of 1 - ratio shows, with a variance that is half as large as
+    that of its product with a fall of the same size.
+    """
     fall = float(np.sum(before.square[m] - after.square[m]))
-    return max(fall, 0.0) + LEAST_FALL * float(np.sum(after.square[m])) + 1e-300
+    own = 0.5 * (1.0 - ratio) ** 2 + LEAST_FALL
+    return max(fall, 0.0) + own * float(np.sum(after.square[m])) + 1e-300
