@@ -87,15 +87,18 @@ class Corners:
         return [*out, late]
 
     def _white(self, parts: Sequence[FloatArray]) -> FloatArray:
-        return np.asarray(np.concatenate([self.whitener(p) for p in parts]), float)
+        """Windows whitened, those of one length together."""
+        lengths = sorted({p.size for p in parts})
+        same = [np.array([p for p in parts if p.size == n]) for n in lengths]
+        return np.asarray(np.concatenate([self.whitener(s).ravel() for s in same]), float)
 
     def seen(self, at: Sequence[At], delay_s: float) -> list[FloatArray]:
         """What the windows would hold of drives that are known at any instant."""
-        late = delay_s / self.step_s
-        return [
-            f(np.arange(a, b, dtype=float) - late)
-            for f, w in zip(at, self.drives, strict=True) for a, b in w.windows
-        ]  # fmt: skip
+        late, out = delay_s / self.step_s, list[FloatArray]()
+        for f, w in zip(at, self.drives, strict=True):
+            places = np.concatenate([np.arange(a, b, dtype=float) for a, b in w.windows])
+            out += np.split(f(places - late), np.cumsum([b - a for a, b in w.windows])[:-1])
+        return out
 
     def explained(self, seen: Sequence[FloatArray]) -> tuple[float, float]:
         """Squared misfit in units of the noise, and the gain of the monitor."""
