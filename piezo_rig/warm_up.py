@@ -24,7 +24,7 @@ cycles = 4
 
 
 def main() -> None:
-    """Plays and identifies a fraction of a second through every kernel."""
+    """Plays, identifies and diagnoses a fraction of a second through every kernel."""
     from piezo_rig.cli import main as command
 
     with tempfile.TemporaryDirectory() as folder, contextlib.redirect_stdout(io.StringIO()):
@@ -35,6 +35,7 @@ def main() -> None:
         for run in Path(folder).glob("*.h5"):
             words = ["identify", str(run), "--model", "range", "--elements", "8", "--out", out]
             status = status or command(words)
+            status = status or command(["diagnose", str(run)])
         target = Path(folder) / "target.csv"
         target.write_text("time_s,displacement_um\n0,0\n0.01,0.1\n", encoding="utf-8")
         words = ["compensate", out, str(target), "--out", str(Path(folder) / "drive.csv")]
