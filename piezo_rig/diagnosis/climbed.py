@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from piezo_rig.diagnosis.early import Reading, noise_floor_nm
 from piezo_rig.diagnosis.fit import Point
 from piezo_rig.diagnosis.groups import Groups
 from piezo_rig.diagnosis.held_out import Errors, carried_over_nm, held_out_errors, reported_kind
-from piezo_rig.diagnosis.monitored import freed, taken_in
+from piezo_rig.diagnosis.monitored import corrected, freed, taken_in
 from piezo_rig.diagnosis.noise import Spectrum, Whitener
 from piezo_rig.diagnosis.part import carried_over, part_of
 from piezo_rig.diagnosis.refit import Fitted, refit
@@ -36,8 +36,9 @@ class Climbed:
     first : the baseline; the ladder is climbed from the last of ``held``, if there are any
     held : rungs that nothing in these data changes: those of the drive monitor, and what only a
         part of the recordings, at a higher rate, can show
-    monitored, said : rungs that the drive monitor gives; what it shows beside
+    monitored, said : rungs that the drive monitor gives; what is to be said of those it does not
     part : the ladder of such a part, which this one was begun with
+    reading : of the drive monitor, with the delay as the displacement has it
     """
 
     space: Space
@@ -50,6 +51,7 @@ class Climbed:
     monitored: list[Step] = field(default_factory=list)
     said: list[str] = field(default_factory=list)
     part: Climbed | None = None
+    reading: Reading | None = None
     ladder: Ladder = field(init=False)
     _known: dict[int, tuple[Point, Errors]] = field(default_factory=dict)
 
@@ -89,6 +91,7 @@ def climbed(
     first = refit(space, start)
     floor = noise_floor_nm(clean)
     out = Climbed(space, folds, reported_kind(clean, folds), floor, repeated, first)
+    out.reading = reading if part is None else part.reading
     known: list[Step] = []
     if part is not None:
         tell("all recordings")
@@ -117,8 +120,19 @@ def climbed(
         gates.append((carries_over, AWAY))
     out.ladder = climb(space, first, rng, tell, gates, floor or space.noise_nm, others,
                        known)
-    if out.monitored:
-        out.ladder = freed(space, out.ladder)
+    if not out.monitored or out.reading is None:
+        return out
+    out.ladder = freed(space, out.ladder)
+    if not out.ladder.steps:  # then the last rung is the monitor's
+        held, last = out.held[-1], replace(out.held[-1], fitted=out.ladder.first)
+        out.held = [*out.held[:-1], last]
+        out.monitored = [last if s is held else s for s in out.monitored]
+    other = corrected(space, out.ladder, out.reading)
+    if other is None:
+        return out
+    tell("without the monitor's delay")
+    out = climbed(clean, start, rng, tell, others, other[0])
+    out.said = [*out.said, other[1]]
     return out
 
 

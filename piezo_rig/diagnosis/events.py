@@ -49,9 +49,9 @@ def size_text(cause: str, event: Event) -> str:
 
 
 def where_text(event: Event, many: bool) -> str:
-    """In which sweep an event is; ``many``: there are several recordings to choose from."""
-    of = f" of {event.recording}" if many and event.recording != event.sweep else ""
-    return f"{event.sweep}{of}: {event.condition or 'a drive without a name'}, repeat {event.repeat}"
+    """In which sweep an event is; ``many``: there are several recordings, and names count on."""
+    of = f"{event.condition or 'a drive without a name'}, repeat {event.repeat}"
+    return f"{event.recording if many else event.sweep}: {of}"
 
 
 def in_all(events: Sequence[Event]) -> str:
