@@ -82,7 +82,8 @@ def text(d: Diagnosis) -> list[str]:
     """Lines for a technician."""
     lines = [f"warning   {w}" for w in d.warnings] + [f"note      {n}" for n in d.notes]
     lines.append(
-        f"data      {d.sweeps} sweeps, {d.samples} samples, up to {d.repeats} repeats; "
+        f"data      {d.sweeps} sweep{'' if d.sweeps == 1 else 's'}, {d.samples} samples, "
+        f"up to {d.repeats} repeat{'' if d.repeats == 1 else 's'}; "
         + ("nothing held out" if d.held_out == "none" else f"held out by {d.held_out}")
     )
     for name, offset in d.recordings if len(d.recordings) > 1 else []:
@@ -122,9 +123,9 @@ def text(d: Diagnosis) -> list[str]:
             f"{u.allowance_nm:.2g} nm allowed"
         )
     if d.follow_up is not None:
+        cause, *others = d.follow_up.separates
         lines.append(
-            f"next      play {d.follow_up.protocol}: it separates "
-            f"{' from '.join(d.follow_up.separates)}"
+            f"next      play {d.follow_up.protocol}: it separates {cause} from {', '.join(others)}"
         )
     return lines
 
