@@ -38,8 +38,8 @@ def events_html(
         rows.append(f'<tr><td>{number}</td><td>{where}</td><td>{_when(e)}</td>'
                     f"<td>{escape(real_minus(size_text(finding.cause, e)))}</td></tr>")  # fmt: skip
     table = (
-        '<div class="wide events"><table class="list"><thead><tr><th>no.</th><th>sweep</th>'
-        "<th>time in the sweep</th><th>how large</th></tr></thead>"
+        '<div class="wide events" tabindex="0"><table class="list"><thead><tr><th>no.</th>'
+        "<th>sweep</th><th>time in the sweep</th><th>how large</th></tr></thead>"
         f"<tbody>{''.join(rows)}</tbody></table></div>"
     )
     if not figures:

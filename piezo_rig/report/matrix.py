@@ -97,7 +97,8 @@ def _legend() -> str:
     )
     return (
         '<div class="legend wide"><table class="matrix"><tr>'
-        f'<td class="words">nothing in common</td>{cells}<td class="words">the same</td><td class="same" style="--c:.97">0.97</td>'
+        f'<td class="words">nothing in common</td>{cells}'
+        '<td class="words">the same</td><td class="same" style="--c:.97">0.97</td>'
         '<td class="words">framed: cannot be told apart</td></tr></table></div>'
         '<details><summary>How to read this table</summary><p>Each number is a cosine: how much of '
         "what the row's cause does to the displacement could as well be done by the column's "

@@ -142,7 +142,8 @@ def _figure(found: Diagnosis, index: int, finding: Finding, residuals: Residuals
         plot = before_and_after(
             residuals, (at - 1, at), finding.cause, view, found.noise_floor_nm, marks
         )
-        how = " Dotted: the events, as numbered below." if marks else "" if view.envelope else (
+        numbered = ", as numbered below" if any(text for _, text in marks) else ""
+        how = f" Dotted: the events{numbered}." if marks else "" if view.envelope else (
             " Means in bins; the shade of a curve is its standard error from half loop to half "
             "loop."
         )  # fmt: skip
@@ -173,8 +174,8 @@ def rest_html(found: Diagnosis, residuals: Residuals | None) -> str:
     if rest.detected:
         out = [f'<p class="warn"><b>Unexplained: {escape(rest.text)}.</b> '
                f"The noise is taken out of that; {nm(rest.allowance_nm)} would be allowed, for no "
-               "model is exact. No cause of the catalogue does this: look at the bench (mounting, cables, what "
-               "else was running), and at the figures below.</p>"]  # fmt: skip
+               "model is exact. No cause of the catalogue does this: look at the bench (mounting, "
+               "cables, what else was running), and at the figures below.</p>"]  # fmt: skip
     else:
         out = ["<p>Nothing that stands out. No pattern in drive, displacement, direction, range, "
                "time since the turning point, cycle, clock or speed is more than chance makes "

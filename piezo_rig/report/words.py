@@ -89,7 +89,8 @@ def interval(p: Parameter, given: bool = False) -> str:
     if p.ci95 is None:
         return "the form that fits best; not fitted" if given else "no interval"
     times, unit = scaled(p)
-    low, high = (significant(times * x, digits_of(p)) for x in p.ci95)
+    # with their zeros, so that both ends are as exact as they look
+    low, high = (real_minus(f"{times * x:#.{digits_of(p)}g}".rstrip(".")) for x in p.ci95)
     return f"95 %: {low} to {high}{unit}"
 
 
