@@ -15,12 +15,14 @@ from piezo_rig.diagnosis import Diagnosis, Finding
 from piezo_rig.diagnosis.events import Event, size_text, where_text
 from piezo_rig.report.residuals import Residuals
 from piezo_rig.report.svg import Curve, Panel, Plot, draw
+from piezo_rig.report.views import OTHERS
 from piezo_rig.report.words import nm, real_minus
 
 FloatArray = NDArray[np.float64]
 DRAWN = 24  # events with a figure of their own: the largest
 NUMBERED = 12  # marks in the overview that have room for a number
 POINTS = 500  # of a curve
+WIDE = 560  # so narrow that the event itself is seen in a narrow window
 AROUND_S = {"outliers": 0.01, "fringe-jump": 0.06, "dropped-samples": 0.15}
 
 
@@ -112,10 +114,10 @@ def _figures(
             curves.append(Curve(label, *_thinned(x, y - np.median(before))))
         title = f"{k + 1} of {len(events)}: {where_text(e, many)}, at {e.time_s:.4f} s"
         out[k] = Plot(
-            [Panel(title, curves)], "time from the event (ms)", "off the others (nm)"
+            [Panel(title, curves)], "time from the event (ms)", OTHERS
             if group.repeats > 1 else "measured minus model (nm)",
             f"The residual about event {k + 1}.", band=found.noise_floor_nm, x_unit="ms",
-            marks=[(0.0, "")],
+            marks=[(0.0, "")], drawn=WIDE,
         )  # fmt: skip
     return out
 

@@ -206,7 +206,8 @@ def before_and_after(
     curves = [curves_of(residuals, rung, view) for rung in rungs]
     return Plot(
         [Panel(f"before: without {cause}", curves[0]), Panel(f"after: with {cause}", curves[1])],
-        view.x_label, y_label(view),
+        view.x_label,
+        OTHERS if view.own and residuals.groups[0].repeats > 1 else y_label(view),
         f"Residual against {view.x_label}, before and after {cause} was added.",
         view.log, band_nm, view.x_unit, marks=marks,
     )  # fmt: skip
@@ -228,6 +229,7 @@ def single(residuals: Residuals, rung: int, view: View, title: str) -> Panel:
 
 
 DRIVE = _DRIVE
+OTHERS = "off the other recordings (nm)"
 REST: dict[str, View] = {
     "displacement": _DISPLACEMENT,
     "range": VIEWS["range-dependence"][0],

@@ -22,7 +22,7 @@ PLACES = {
     "sensor": "the sensor (interferometer)",
     "acquisition": "the recording (digitizer)",
 }
-_MICRO = re.compile(r"(?<=\d )u(?=[ms]\b)")  # us and um behind a number
+_MICRO = re.compile(r"\bu(?=m\b)|(?<=\d )u(?=[sF]\b)")  # um; us and uF behind a number
 SMALLER = (("s", 1e-3, 1e6, "µs"), ("s", 1.0, 1e3, "ms"), ("um", 0.1, 1e3, "nm"))
 TOLD = {
     "drive": "the drive", "displacement": "the displacement", "direction": "the direction",
