@@ -78,13 +78,13 @@ def is_run(path: str) -> bool:
 
 
 def load_data(
-    args: argparse.Namespace, for_diagnosis: bool = False
+    args: argparse.Namespace, for_diagnosis: bool = False, warned: list[str] | None = None
 ) -> tuple[list[Sweep], dict[str, str]]:
     """All sweeps of DATA, and the SHA-256 of every file, by a name that no other file has.
 
     Sweeps that ``verify`` finds faulty are left out, and said; ``for_diagnosis`` keeps those whose
     faults all have a physical cause that diagnosis can name. Names are made unique by counting
-    on over all files, in the order given.
+    on over all files, in the order given. What is said of runs is added to ``warned`` as well.
 
     Raises
     ------
@@ -112,7 +112,7 @@ def load_data(
             continue
         run = Run(require_run(path))
         hashes[shown[path]] = run.sha256()
-        sweeps += _usable_sweeps(run, shown[path], for_diagnosis)
+        sweeps += _usable_sweeps(run, shown[path], for_diagnosis, warned)
     for found_sweeps in by_recording.values():
         sweeps += found_sweeps
     for name in recordings:
@@ -132,15 +132,22 @@ def load_data(
     return sweeps, hashes
 
 
-def _usable_sweeps(run: Run, shown: str, for_diagnosis: bool) -> list[Sweep]:
+def _usable_sweeps(
+    run: Run, shown: str, for_diagnosis: bool, warned: list[str] | None
+) -> list[Sweep]:
     """The sweeps of one run that may be used; every one that is left out is said, with why."""
     from piezo_rig.errors import InputError
     from piezo_rig.run_file.verify import verify
 
+    def warn(text: str) -> None:
+        print(f"warning: {shown}: {text}")
+        if warned is not None:
+            warned.append(f"{shown}: {text}")
+
     _, found = verify(run.path)
     for verdict in found:
         if verdict.fault and not verdict.sweep:
-            print(f"warning: {shown}: {verdict.text}")
+            warn(verdict.text)
     by_sweep: dict[str, list[Verdict]] = {}
     for verdict in found:
         if verdict.fault:
@@ -149,17 +156,17 @@ def _usable_sweeps(run: Run, shown: str, for_diagnosis: bool) -> list[Sweep]:
     for name in run.active_names:
         faults = by_sweep.get(name, [])
         if faults and not (for_diagnosis and all(v.cause for v in faults)):
-            print(f"warning: {shown}: {name} is left out: {'; '.join(v.text for v in faults)}")
+            warn(f"{name} is left out: {'; '.join(v.text for v in faults)}")
             continue
         if faults:
             causes = ", ".join(dict.fromkeys(v.cause for v in faults))
-            print(f"warning: {shown}: {name}: {'; '.join(v.text for v in faults)}; kept, because "
-                  f"diagnosis knows that cause ({causes})")
+            warn(f"{name}: {'; '.join(v.text for v in faults)}; kept, because diagnosis knows "
+                 f"that cause ({causes})")
         kept.append(name)
     sweeps: list[Sweep] = []
     for name, sweep in run.each(kept):
         if isinstance(sweep, InputError):
-            print(f"warning: {shown}: {name} is left out: {sweep.what}")
+            warn(f"{name} is left out: {sweep.what}")
         else:
             sweeps.append(sweep)
     return sweeps

@@ -62,6 +62,7 @@ def execute(args: argparse.Namespace) -> int:
 
 def _together(args: argparse.Namespace) -> int:
     """All of DATA in one diagnosis."""
+    from dataclasses import replace
     from pathlib import Path
 
     from piezo_rig.causes import NAMED_MODELS, load_model
@@ -80,7 +81,8 @@ def _together(args: argparse.Namespace) -> int:
     baseline = args.baseline
     if baseline not in NAMED_MODELS:
         baseline = load_model(find("calibration", baseline))
-    sweeps, hashes = load_data(args, for_diagnosis=True)
+    warned: list[str] = []
+    sweeps, hashes = load_data(args, for_diagnosis=True, warned=warned)
 
     def diagnosed() -> Diagnosis:
         progress = Progress()
@@ -89,7 +91,8 @@ def _together(args: argparse.Namespace) -> int:
         finally:
             progress.close()
         print("\n".join(text(found)))
-        return found
+        # said on loading; whoever reads a file only has to know it too
+        return replace(found, warnings=[*warned, *found.warnings])
 
     found = diagnosed()
     followed: dict[str, object] = {}
@@ -99,7 +102,8 @@ def _together(args: argparse.Namespace) -> int:
         advice = found.follow_up
         run = play_follow_up(advice, args.rig, args.data, sweeps, args.mixed_origin)
         args.data = [*args.data, str(run)]
-        sweeps, hashes = load_data(args, for_diagnosis=True)
+        warned.clear()
+        sweeps, hashes = load_data(args, for_diagnosis=True, warned=warned)
         found = diagnosed()
         decision = decide(advice.separates, {f.cause: f.alternatives for f in found.findings})
         print("\n".join(lines(decision, run)))

@@ -73,6 +73,6 @@ def baseline_warnings(groups: Groups, fitted: Fitted) -> list[str]:
     if not 0.5 < ratio < 2.0 or shape > BAD**2:
         return [
             f"the baseline predicts {1 / max(ratio, 1e-9):.3g} times the measured travel: it is "
-            "of another actuator, or the calibration differs"
+            "of another actuator, the calibration differs, or a finding explains it"
         ]
     return []

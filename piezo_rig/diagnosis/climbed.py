@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from piezo_rig.diagnosis.early import Reading, noise_floor_nm
 from piezo_rig.diagnosis.fit import Point
 from piezo_rig.diagnosis.groups import Groups
 from piezo_rig.diagnosis.held_out import Errors, carried_over_nm, held_out_errors, reported_kind
-from piezo_rig.diagnosis.monitored import freed, taken_in
+from piezo_rig.diagnosis.monitored import corrected, freed, taken_in
 from piezo_rig.diagnosis.refit import Fitted, refit
 from piezo_rig.diagnosis.space import Space
 
@@ -31,7 +31,8 @@ class Climbed:
     floor_nm : noise of one recording; None without repeats
     repeated : whether the noise was measured between repeats
     first : the baseline; the ladder is climbed from the last of ``monitored``, if there are any
-    monitored, said : rungs that the drive monitor gives; what it shows beside
+    monitored, said : rungs that the drive monitor gives; what is to be said of those it does not
+    reading : of the drive monitor, with the delay as the displacement has it
     """
 
     space: Space
@@ -42,6 +43,7 @@ class Climbed:
     first: Fitted
     monitored: list[Step] = field(default_factory=list)
     said: list[str] = field(default_factory=list)
+    reading: Reading | None = None
     ladder: Ladder = field(init=False)
     _known: dict[int, tuple[Point, Errors]] = field(default_factory=dict)
 
@@ -70,6 +72,7 @@ def climbed(
     first = refit(space, start)
     floor = noise_floor_nm(clean)
     out = Climbed(space, folds, reported_kind(clean, folds), floor, repeated, first)
+    out.reading = reading
     if reading is not None:
         tell("what the drive monitor says")
         out.monitored, out.said = taken_in(space, first, reading)
@@ -88,6 +91,15 @@ def climbed(
     if out.kind != folds:
         gates.append((carries_over, AWAY))
     out.ladder = climb(space, first, rng, tell, gates, floor or space.noise_nm, others)
-    if out.monitored:
-        out.ladder = freed(space, out.ladder)
+    if not out.monitored or reading is None:
+        return out
+    out.ladder = freed(space, out.ladder)
+    if not out.ladder.steps:  # then the last rung is the monitor's
+        out.monitored[-1] = replace(out.monitored[-1], fitted=out.ladder.first)
+    other = corrected(space, out.ladder, reading)
+    if other is None:
+        return out
+    tell("without the monitor's delay")
+    out = climbed(clean, start, rng, tell, others, other[0])
+    out.said = [*out.said, other[1]]
     return out

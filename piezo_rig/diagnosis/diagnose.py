@@ -18,6 +18,7 @@ from piezo_rig.diagnosis.climbed import climbed
 from piezo_rig.diagnosis.confusion import confusion
 from piezo_rig.diagnosis.early import HUM, TRIED, clean_up, find_line, hum_again, read_monitor
 from piezo_rig.diagnosis.engine import plain_space
+from piezo_rig.diagnosis.events import Event
 from piezo_rig.diagnosis.first_spring import offset_of, with_offset
 from piezo_rig.diagnosis.fit import Point, starting_model
 from piezo_rig.diagnosis.follow_up import FollowUp, follow_up
@@ -48,6 +49,7 @@ class Finding:
     parameters: dict[str, Parameter]
     alternatives: list[str]
     d_prime: float | None = None
+    events: tuple[Event, ...] = ()  # one by one, where the cause is events
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,7 +138,6 @@ def diagnose(
         clean = found_early[-1].groups
         start = refit(plain_space(clean, start.point.model), start.point)
         search = climbed(clean, start.point, rng, tell, tried, reading)
-    early = [_early(f.cause, f.p_value, f.parameters) for f in found_early]
     stages = [(f.cause, f.groups) for f in found_early]
     space, ladder, kind, floor = search.space, search.ladder, search.kind, search.floor_nm
     folds, errors = search.folds, search.errors
@@ -166,9 +167,10 @@ def diagnose(
             f"{ends[1]:.4g} nm with everything"
         )
     findings = [
-        Finding(f.cause, f.place, f.p_value, *(gains[i] if f.cause not in EVENTS else (None, None)),
-                f.parameters, f.alternatives)
-        for i, f in enumerate(early)
+        Finding(f.cause, CAUSES[f.cause].place, min(f.p_value, 1.0),
+                *(gains[i] if f.cause not in EVENTS else (None, None)), f.parameters, [],
+                events=f.events)
+        for i, f in enumerate(found_early)
     ]  # fmt: skip
     tell("what can be told apart")
     last = ladder.last
@@ -188,7 +190,7 @@ def diagnose(
             *found.alternatives,
             *(c for c in step.rivals if c not in members and c not in found.alternatives),
         ] if step not in search.monitored else []  # it was seen where none of those would show
-        value, interval = gains[len(early) + i]
+        value, interval = gains[len(found_early) + i]
         findings.append(Finding(
             step.cause, CAUSES[step.cause].place, step.p_value,
             None if kind == "none" else value, None if kind == "none" else interval,
@@ -218,10 +220,6 @@ def diagnose(
         notes, warnings, refused,
         Workings((raw, *(g for _, g in stages), *(clean for _ in steps)), space, last),
     )  # fmt: skip
-
-
-def _early(cause: str, p: float, parameters: dict[str, Parameter]) -> Finding:
-    return Finding(cause, CAUSES[cause].place, min(p, 1.0), None, None, parameters, [])
 
 
 def _baseline(groups: Groups, baseline: str | Model) -> Point:

@@ -9,8 +9,10 @@ import numpy as np
 from piezo_rig.chain import Parameter
 from piezo_rig.diagnosis.diagnose import Diagnosis, Finding
 from piezo_rig.diagnosis.early.reported import Several
+from piezo_rig.diagnosis.events import LISTED, Event, in_all, size_text, where_text
 
 SCHEMA = "piezo-rig/diagnosis/1"
+PRINTED = 20  # events of one cause, in a terminal
 
 
 def document(d: Diagnosis) -> dict[str, Any]:
@@ -54,6 +56,15 @@ def _finding(f: Finding) -> dict[str, Any]:
             for n, p in f.parameters.items()
         },
         "alternatives": f.alternatives,
+        **({"events": [_event(e) for e in f.events]} if f.events else {}),
+    }  # fmt: skip
+
+
+def _event(e: Event) -> dict[str, Any]:
+    return {
+        "recording": e.recording, "sweep": e.sweep, "condition": e.condition, "repeat": e.repeat,
+        "index": e.index, "time_s": _short(e.time_s), "between_s": [_short(x) for x in e.between_s],
+        "size": _short(e.size), "unit": e.unit,
     }  # fmt: skip
 
 
@@ -71,7 +82,8 @@ def text(d: Diagnosis) -> list[str]:
     """Lines for a technician."""
     lines = [f"warning   {w}" for w in d.warnings] + [f"note      {n}" for n in d.notes]
     lines.append(
-        f"data      {d.sweeps} sweeps, {d.samples} samples, up to {d.repeats} repeats; "
+        f"data      {d.sweeps} sweep{'' if d.sweeps == 1 else 's'}, {d.samples} samples, "
+        f"up to {d.repeats} repeat{'' if d.repeats == 1 else 's'}; "
         + ("nothing held out" if d.held_out == "none" else f"held out by {d.held_out}")
     )
     for name, offset in d.recordings if len(d.recordings) > 1 else []:
@@ -95,11 +107,9 @@ def text(d: Diagnosis) -> list[str]:
             f"chance of a false alarm {finding.p_value:.2g}"
         )
         for name, p in finding.parameters.items():
-            several = p.values if isinstance(p, Several) else ()
-            shown = _number(p)
-            if len(several) > 1:
-                shown = ", ".join(f"{x:.4g}" for x in several) + f" {p.unit}"
-            lines.append(f"          {name} = {shown}")
+            if not (finding.events and name in LISTED):
+                lines.append(f"          {name} = {_number(p)}")
+        lines += _events(d, finding)
         if finding.alternatives:
             lines.append(f"          cannot be told from: {', '.join(finding.alternatives)}")
     for cause, reason in d.refused.items():
@@ -113,10 +123,26 @@ def text(d: Diagnosis) -> list[str]:
             f"{u.allowance_nm:.2g} nm allowed"
         )
     if d.follow_up is not None:
+        cause, *others = d.follow_up.separates
         lines.append(
-            f"next      play {d.follow_up.protocol}: it separates "
-            f"{' from '.join(d.follow_up.separates)}"
+            f"next      play {d.follow_up.protocol}: it separates {cause} from {', '.join(others)}"
         )
+    return lines
+
+
+def _events(d: Diagnosis, finding: Finding) -> list[str]:
+    """Every event of a finding, a line each."""
+    if not finding.events:
+        return []
+    lines = [f"          {in_all(finding.events)}:"]
+    for e in finding.events[:PRINTED]:
+        low, high = e.between_s
+        about = f" (between {low:.4f} and {high:.4f})" if high > low else ""
+        lines.append(f"            {where_text(e, len(d.recordings) > 1)}, at {e.time_s:.4f} s"
+                     f"{about}: {size_text(finding.cause, e)}")  # fmt: skip
+    more = len(finding.events) - PRINTED
+    if more > 0:
+        lines.append(f"            and {more} more; --json and --report list all of them")
     return lines
 
 

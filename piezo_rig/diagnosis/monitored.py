@@ -18,7 +18,9 @@ from piezo_rig.diagnosis.likelihood import reduce
 from piezo_rig.diagnosis.refit import Fitted, playable, refit, settle
 from piezo_rig.diagnosis.scan import VISIBLE, context_of
 from piezo_rig.diagnosis.space import Space
-from piezo_rig.diagnosis.spare import NEEDED
+from piezo_rig.diagnosis.spare import NEEDED, less_point
+
+ELSE, UNLIKE = 5.0, 0.25  # standard errors, and share of a delay, by which it is another one
 
 
 def taken_in(space: Space, first: Fitted, reading: Reading) -> tuple[list[Step], list[str]]:
@@ -94,6 +96,51 @@ def freed(space: Space, ladder: Ladder) -> Ladder:
         return replace(ladder, first=there)
     steps = (*ladder.steps[:-1], replace(ladder.steps[-1], fitted=there))
     return replace(ladder, steps=steps)
+
+
+def corrected(space: Space, ladder: Ladder, reading: Reading) -> tuple[Reading, str] | None:
+    """What the displacement makes of the monitor's delay, and why; None if it agrees.
+
+    A delay that does the displacement no good is the monitor's own and is left out; one that comes
+    out quite different is the displacement's. What was found beside the wrong one may be wrong.
+    """
+    told = next((t for t in reading.told if t.stage.id == SKEW), None)
+    last = ladder.last
+    stage = last.point.model.stage(SKEW)
+    if told is None or stage is None or reading.settled or SKEW in last.point.fixed:
+        return None
+    seen, others = told.stage["delay"], tuple(t for t in reading.told if t is not told)
+    less = refit(space, less_point(last.point, SKEW), held=True)
+    if less.evidence + NEEDED >= last.evidence:
+        return replace(reading, told=others, settled=True), (
+            f"the drive monitor is late by {1e3 * seen:.4g} ms, the displacement is not: that "
+            "delay is of the monitor's own channel, and is no finding"
+        )
+    index = next((j for j, (id, _) in enumerate(last.point.names) if id == SKEW), None)
+    off = abs(stage["delay"] - seen)
+    if index is None or off < max(
+        ELSE * float(np.sqrt(last.covariance[index, index])), UNLIKE * abs(seen)
+    ):
+        return None
+    own = replace(told, stage=with_intervals(last, SKEW))
+    return replace(reading, told=(*others, own), settled=True), (
+        f"the drive monitor is late by {1e3 * seen:.4g} ms, the displacement by "
+        f"{1e3 * stage['delay']:.4g} ms: the displacement is what counts, and the rest is of the "
+        "monitor's or the sensor's own channel"
+    )
+
+
+def with_intervals(last: Fitted, cause: str) -> Stage:
+    """A stage whose parameters carry the intervals of its fit."""
+    stage = last.point.model.stage(cause)
+    assert stage is not None
+    own = {}
+    for j, (id, name) in enumerate(last.point.names):
+        if id == cause:
+            half = 1.96 * float(np.sqrt(max(last.covariance[j, j], 0.0)))
+            value = stage[name]
+            own[name] = Parameter(value, stage.parameters[name].unit, (value - half, value + half))
+    return type(stage)(stage.parameters | own, stage.elements)
 
 
 def _said(name: str, p: Parameter) -> str:

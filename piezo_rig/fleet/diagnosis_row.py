@@ -28,10 +28,10 @@ def row_of(document: Mapping[str, Any]) -> dict[str, Any]:
         cause = finding["cause"]
         row[f"{cause}.p_value"] = finding["p_value"]
         row[f"{cause}.gain_percent"] = finding["gain_percent"]
+        if "events" in finding:
+            row[f"{cause}.events"] = len(finding["events"])
         for name, parameter in finding["parameters"].items():
-            if isinstance(parameter["value"], list):
-                row[f"{cause}.events"] = len(parameter["value"])
-            else:
+            if not isinstance(parameter["value"], list):
                 row[f"{cause}.{name}"] = parameter["value"]
                 units[f"{cause}.{name}"] = parameter["unit"]
     return row | {"units": units}

@@ -47,7 +47,7 @@ def closer_html(found: Diagnosis, residuals: Residuals) -> str:
         f"{options}</select></label> <label>condition <select>"
         f'<option value="">all together, first and last model</option>{named}</select></label> '
         '<label><input type="checkbox"> one scale for all models</label></p>'
-        f"{draw(plot)}"
+        f'<div class="view">{draw(plot)}</div>'
         "<figcaption>Means of the residual in bins of the drive, mean over repeats; grey: the "
         "noise floor.</figcaption>"
         f'<script type="application/json" id="closer-data">{data}</script></figure>'

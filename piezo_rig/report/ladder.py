@@ -16,6 +16,7 @@ import numpy as np
 
 from piezo_rig.chain.bend import Bend
 from piezo_rig.diagnosis.diagnose import Diagnosis, Finding, Rung
+from piezo_rig.diagnosis.events import LISTED, in_all
 from piezo_rig.report.figures import ERROR, MEASURED, save
 
 GOOD, BASE, WORSE, QUIET = "#2f7d4f", "#8a8f98", "#c8551b", "#5c6470"
@@ -89,8 +90,10 @@ def _rows(found: Diagnosis) -> list[_Row]:
 
 
 def _small_print(finding: Finding) -> list[str]:
-    lines = []
+    lines = [in_all(finding.events)] if finding.events else []
     for name, p in finding.parameters.items():
+        if finding.events and name in LISTED:
+            continue
         unit = "" if p.unit == "1" else f" {p.unit}"
         interval = f"  [{p.ci95[0]:.4g}, {p.ci95[1]:.4g}]" if p.ci95 else ""
         lines.append(f"{name} = {p.value:.4g}{unit}{interval}")

@@ -69,6 +69,8 @@ def ladder_svg(found: Diagnosis) -> str:
         gain, kind = "the baseline" if i == 0 else "", "tick"
         if finding is not None:
             gain, kind = gain_text(finding).replace("95 %: ", ""), "figure"
+            if finding.events:
+                gain = f"{len(finding.events)} event{'' if len(finding.events) == 1 else 's'}"
         elif rung.added == Bend.id:
             gain = "part of the base model"
         out += [_text(RMS, y + 5, f"{rung.rms_nm:.2f}", "figure", "end"),

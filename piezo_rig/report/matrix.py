@@ -25,27 +25,37 @@ def told_apart(found: Diagnosis, known: Isolability) -> np.ndarray:
     return np.asarray(told)
 
 
+def too_small(known: Isolability) -> np.ndarray:
+    """Shape (c,). What was not found and could hardly be seen here, whatever it is told from."""
+    return ~np.asarray(known.found) & (np.asarray(known.d_prime) < APART)
+
+
 def matrix_html(found: Diagnosis, known: Isolability) -> str:
     """Sentences, the table and its legend."""
     if len(known.causes) < 2:
         return "<p>These data could show fewer than two causes: there is nothing to compare.</p>"
-    told = told_apart(found, known)
-    out = [f"<p>{_sentence(known, told)}</p>",
+    small = too_small(known)
+    told = told_apart(found, known) | small[:, None]
+    out = [f"<p>{_sentence(known, told)}{_hardly(known, small)}</p>",
            '<div class="wide"><table class="matrix"><thead><tr><th class="corner">if the truth '
            'is ↓ could it pass for →</th>']
     out += [f'<th scope="col"><span>{escape(c)}</span></th>' for c in known.causes]
     out.append("</tr></thead><tbody>")
     for i, cause in enumerate(known.causes):
-        kind = "found" if known.found[i] else "not found"
-        size = f"{kind}, {nm(known.size_nm[i])} rms"
+        size = f"{nm(known.size_nm[i])} rms"
+        short = f"found, {size}" if known.found[i] else "not found"
+        short += "; hardly visible here" if small[i] else ""
+        if not known.found[i]:
+            size = f"not found; taken at its largest plausible size, {size}"
         out.append(f'<tr class="{"member" if known.found[i] else "other"}"><th scope="row">'
-                   f"{escape(cause)}<small>{size}</small></th>")  # fmt: skip
+                   f"{escape(cause)}<small>{short}</small></th>")  # fmt: skip
         for j, other in enumerate(known.causes):
             if i == j:
                 out.append('<td class="self">·</td>')
                 continue
             x = known.cosine[i, j]
             says = "told apart" if told[i, j] else "CANNOT be told apart"
+            says = "too small here to be told from anything" if small[i] else says
             hint = (f"{cause} ({size}, d′ {known.d_prime[i]:.3g}) against {other}: cosine {x:.3f}, "
                     f"left of d′: {known.apart[i, j]:.3g}; {says}")  # fmt: skip
             out.append(f'<td class="{"told" if told[i, j] else "same"}" style="--c:{x:.2f}" '
@@ -72,13 +82,23 @@ def _sentence(known: Isolability, told: np.ndarray) -> str:
     return text + "."
 
 
+def _hardly(known: Isolability, small: np.ndarray) -> str:
+    """What these data could not show."""
+    names = [c for c, s in zip(known.causes, small, strict=True) if s]
+    if not names:
+        return ""
+    return (f" {escape(listed(names))} could hardly be seen in these data at all, even at the "
+            "largest plausible size.")  # fmt: skip
+
+
 def _legend() -> str:
     cells = "".join(
         f'<td class="told" style="--c:{c}">{c:.2f}</td>' for c in (0.0, 0.25, 0.5, 0.75, 1.0)
     )
     return (
-        '<div class="legend"><table class="matrix"><tr><td class="words">nothing in common</td>'
-        f'{cells}<td class="words">the same</td><td class="same" style="--c:.97">0.97</td>'
+        '<div class="legend wide"><table class="matrix"><tr>'
+        f'<td class="words">nothing in common</td>{cells}'
+        '<td class="words">the same</td><td class="same" style="--c:.97">0.97</td>'
         '<td class="words">framed: cannot be told apart</td></tr></table></div>'
         '<details><summary>How to read this table</summary><p>Each number is a cosine: how much of '
         "what the row's cause does to the displacement could as well be done by the column's "

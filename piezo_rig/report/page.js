@@ -56,6 +56,28 @@ document.querySelectorAll("button[data-swap]").forEach((button) => {
   });
 });
 
+// Events one by one: the buttons and the numbers in the table choose.
+document.querySelectorAll("figure.steps").forEach((figure) => {
+  const steps = [...figure.querySelectorAll(".step")];
+  const [back, on] = figure.querySelectorAll("button[data-step]");
+  let now = 0;
+  const show = (k) => {
+    now = Math.min(Math.max(k, 0), steps.length - 1);
+    steps.forEach((step, i) => { step.hidden = i !== now; });
+    back.disabled = now === 0;
+    on.disabled = now === steps.length - 1;
+    figure.querySelector(".at").textContent = `figure ${now + 1} of ${steps.length}`;
+  };
+  [back, on].forEach((b) => b.addEventListener("click", () => show(now + Number(b.dataset.step))));
+  steps.forEach((step, i) => document.querySelectorAll(`a[href="#${step.id}"]`).forEach((a) =>
+    a.addEventListener("click", (event) => {
+      event.preventDefault();
+      show(i);
+      figure.scrollIntoView({ block: "nearest" });
+    })));
+  show(0);
+});
+
 // The residual of one condition on one rung: redrawn into the figure that stands there already.
 const held = document.getElementById("closer-data");
 if (held) {

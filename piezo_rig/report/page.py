@@ -7,6 +7,7 @@ recordings, of models) is escaped where it is put in.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from html import escape
 from pathlib import Path
 
 import numpy as np
@@ -27,6 +28,8 @@ from piezo_rig.report.sections import (
 )
 from piezo_rig.report.sheet import sheet
 from piezo_rig.report.words import verdict
+
+SHOWN = 3  # warnings at the top
 
 
 def report_page(
@@ -67,17 +70,29 @@ def page(title: str, found: Diagnosis, files: Sequence[str], hashes: Mapping[str
         ("provenance", "Where this comes from", provenance_html(found, hashes)),
     ]  # fmt: skip
     open_ = found.unexplained.detected or any(f.alternatives for f in found.findings)
-    return sheet(f"Diagnosis of {title}", verdict(found), open_, sections)
+    return sheet(f"Diagnosis of {title}", verdict(found), open_, sections, _warned(found))
+
+
+def _warned(found: Diagnosis) -> str:
+    """The first warnings, which stand at the top; all of them are among the notes."""
+    if not found.warnings:
+        return ""
+    count = len(found.warnings)
+    items = "".join(f"<li>{escape(w)}</li>" for w in found.warnings[:SHOWN])
+    more = f" The first {SHOWN}:" if count > SHOWN else ""
+    several = "" if count == 1 else "s"
+    return (f'<div class="verdict open"><p><b>{count} warning{several} about the data</b> '
+            f'(<a href="#notes">all notes</a>).{more}</p><ul>{items}</ul></div>')  # fmt: skip
 
 
 def _ladder(found: Diagnosis) -> str:
     held = ("Errors are of the fit itself: there was too little data to hold any out."
             if found.held_out == "none" else
             "Every error is on data that the model had not been fitted to.")  # fmt: skip
-    return (f"<figure>{ladder_svg(found)}<figcaption>From the top: the model as it was, then with "
-            "one cause after the other added to it. A bar is the factor by which the error falls. "
-            f"{held} Max: the largest error of all, in percent of its sweep's travel."
-            "</figcaption></figure>")  # fmt: skip
+    return (f'<figure><div class="view">{ladder_svg(found)}</div><figcaption>From the top: the '
+            "model as it was, then with one cause after the other added to it. A bar is the factor "
+            f"by which the error falls. {held} Max: the largest error of all, in percent of its "
+            "sweep's travel.</figcaption></figure>")  # fmt: skip
 
 
 def _matrix(found: Diagnosis) -> str:

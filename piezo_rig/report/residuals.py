@@ -114,6 +114,15 @@ class Residuals:
         rows = self.groups[rung].groups[index].measured_um
         return np.array([self._left(rung, index, row) for row in rows])
 
+    def own(self, rung: int, index: int) -> FloatArray:
+        """What a group's recordings have of their own, shape (R, n).
+
+        Against the mean of the other recordings; of one alone, against the model.
+        """
+        rows = self.single(rung, index)
+        count = rows.shape[0]
+        return rows if count < 2 else (rows - rows.mean(axis=0)) * (count / (count - 1.0))
+
     def _left(self, rung: int, index: int, row: FloatArray) -> FloatArray:
         group = self.groups[rung].groups[index]
         key = (id(self.models[rung]), index)  # early rungs share their model

@@ -6,11 +6,15 @@ import shlex
 from collections.abc import Mapping, Sequence
 from html import escape
 
+import numpy as np
+
 from piezo_rig import __version__
 from piezo_rig.causes import CAUSES
 from piezo_rig.causes.cause import Cause
 from piezo_rig.causes.mains_hum import FUNDAMENTALS_HZ
 from piezo_rig.diagnosis import Diagnosis, Finding
+from piezo_rig.diagnosis.events import LISTED, in_all
+from piezo_rig.report.events import events_html, marks_of
 from piezo_rig.report.residuals import Residuals
 from piezo_rig.report.spectrum import hum_plot
 from piezo_rig.report.svg import Plot, draw
@@ -25,13 +29,13 @@ from piezo_rig.report.views import (
 )
 from piezo_rig.report.words import (
     PLACES,
-    TOLD,
     about,
     chance,
     gain_text,
     interval,
     listed,
     nm,
+    real_minus,
     with_unit,
 )
 
@@ -56,7 +60,11 @@ def _finding(found: Diagnosis, index: int, finding: Finding, residuals: Residual
     kind = CAUSES.get(finding.cause)
     given = kind.given if kind is not None and issubclass(kind, Cause) else ()
     rows = [(name.removesuffix(f"_{p.unit}").replace("_", " "), escape(with_unit(p)),
-             escape(interval(p, name in given))) for name, p in finding.parameters.items()]
+             escape(interval(p, name in given))) for name, p in finding.parameters.items()
+            if not (finding.events and name in LISTED)]  # fmt: skip
+    if finding.events:
+        count, _, more = in_all(finding.events).partition(" event")
+        rows.insert(0, ("events", count, escape(real_minus(more.removeprefix("s").strip()))))
     gain, _, sure = gain_text(finding).partition(" (")
     sure = sure.rstrip(")") + "; " if sure else ""
     rows.append(("gain", escape(gain), escape(sure) + _gain_words(found, index)))
@@ -66,6 +74,10 @@ def _finding(found: Diagnosis, index: int, finding: Finding, residuals: Residual
     out.append(_alternatives(finding))
     if residuals is not None:
         out.append(_figure(found, index, finding, residuals))
+    if finding.events:
+        at = _rung(found, index)
+        drawn = residuals if at else None
+        out.append(events_html(found, index, finding, drawn, (max(at - 1, 0), at)))
     known = [f"<p><b>{head}.</b> {escape(said[head][:1].upper() + said[head][1:])}</p>"
              for head in ("Physics", "Shows as", "Plausible") if head in said]  # fmt: skip
     if known:
@@ -82,11 +94,16 @@ def _facts(rows: Sequence[tuple[str, str, str]]) -> str:
     return f'<div class="wide"><table class="facts">{cells}</table></div>'
 
 
+def _rung(found: Diagnosis, index: int) -> int:
+    """Which rung a finding is; 0 for none."""
+    return next((i for i, r in enumerate(found.rungs) if r.finding == index), 0)
+
+
 def _gain_words(found: Diagnosis, index: int) -> str:
     if found.findings[index].gain_percent is None:
         return ("nothing was held out" if found.held_out == "none"
                 else "no model can foretell single events")  # fmt: skip
-    at = next((i for i, r in enumerate(found.rungs) if r.finding == index), 0)
+    at = _rung(found, index)
     if at == 0:
         return ""
     before, after = found.rungs[at - 1], found.rungs[at]
@@ -109,7 +126,7 @@ def _alternatives(finding: Finding) -> str:
 
 
 def _figure(found: Diagnosis, index: int, finding: Finding, residuals: Residuals) -> str:
-    at = next((i for i, r in enumerate(found.rungs) if r.finding == index), 0)
+    at = _rung(found, index)
     if at == 0 or at >= residuals.rungs:
         return ""
     if finding.cause == "mains-hum":
@@ -121,8 +138,12 @@ def _figure(found: Diagnosis, index: int, finding: Finding, residuals: Residuals
         return figure_html(plot, text)
     out = []
     for view in views_of(finding.cause):
-        plot = before_and_after(residuals, (at - 1, at), finding.cause, view, found.noise_floor_nm)
-        how = "" if view.envelope else (
+        marks = marks_of(finding, residuals)
+        plot = before_and_after(
+            residuals, (at - 1, at), finding.cause, view, found.noise_floor_nm, marks
+        )
+        numbered = ", as numbered below" if any(text for _, text in marks) else ""
+        how = f" Dotted: the events{numbered}." if marks else "" if view.envelope else (
             " Means in bins; the shade of a curve is its standard error from half loop to half "
             "loop."
         )  # fmt: skip
@@ -151,23 +172,35 @@ def rest_html(found: Diagnosis, residuals: Residuals | None) -> str:
     """What remains after the last finding."""
     rest = found.unexplained
     if rest.detected:
-        on = [TOLD.get(w, w) for w in rest.depends_on]
         out = [f'<p class="warn"><b>Unexplained: {escape(rest.text)}.</b> '
-               f"{nm(rest.rms_nm)} rms of structure is left with the noise taken out; "
-               f"{nm(rest.allowance_nm)} would be allowed, for no model is exact. "
-               f"{'It depends on ' + escape(listed(on)) + '. ' if on else ''}"
-               "No cause of the catalogue does this: look at the bench (mounting, cables, what "
-               "else was running), and at the figures below.</p>"]  # fmt: skip
+               f"The noise is taken out of that; {nm(rest.allowance_nm)} would be allowed, for no "
+               "model is exact. No cause of the catalogue does this: look at the bench (mounting, "
+               "cables, what else was running), and at the figures below.</p>"]  # fmt: skip
     else:
-        out = [f"<p>Nothing that stands out: {nm(rest.rms_nm)} rms of structure is left with the "
-               f"noise taken out; up to {nm(rest.allowance_nm)} is allowed, for no model is "
-               "exact, and what is likely by chance alone is no finding.</p>"]  # fmt: skip
+        out = ["<p>Nothing that stands out. No pattern in drive, displacement, direction, range, "
+               "time since the turning point, cycle, clock or speed is more than chance makes "
+               f"likely: {nm(rest.rms_nm)} rms with the noise taken out, and up to "
+               f"{nm(rest.allowance_nm)} is allowed, for no model is exact.</p>"]  # fmt: skip
     if residuals is not None:
         last = residuals.rungs - 1
+        out.append(_inexact(found, residuals, last))
         for view in rest_views(rest.depends_on):
             out.append(figure_html(_last(found, residuals, last, view),
                                    view.text + _floor_words(found)))  # fmt: skip
     return "\n".join(out)
+
+
+def _inexact(found: Diagnosis, residuals: Residuals, rung: int) -> str:
+    """How far the mean over repeats is off, and how much of that the noise is."""
+    rows = [residuals.mean(rung, g) for g in range(len(residuals.samples))]
+    counts = [s.group.repeats for s in residuals.samples]
+    if found.noise_floor_nm is None or min(counts) < 2:
+        return ""
+    off = float(np.sqrt(np.mean(np.concatenate([row**2 for row in rows]))))
+    shares = np.concatenate([np.full(r.size, 1.0 / c) for r, c in zip(rows, counts, strict=True)])
+    noise = found.noise_floor_nm * float(np.sqrt(np.mean(shares)))
+    return (f"<p>The mean over repeats is off the model by {nm(off)} rms; noise alone would make "
+            f"that {nm(noise)}. What is more is how inexact the model still is.</p>")  # fmt: skip
 
 
 def _last(found: Diagnosis, residuals: Residuals, rung: int, view: View) -> Plot:
@@ -191,11 +224,13 @@ def next_html(found: Diagnosis, files: Sequence[str]) -> str:
     data = " ".join(shlex.quote(f) for f in files) or "DATA"
     play = f"piezo-rig run {shlex.quote(name)} --rig YOUR_BENCH.toml --out runs"
     look = f"piezo-rig diagnose {data} runs/{name}_*.h5 --report decided.html"
+    at_once = f"piezo-rig diagnose {data} --follow-up --rig YOUR_BENCH.toml --report decided.html"
     return (
         f"<p>Not decided yet: {escape(pairs)}. Of the shipped protocols, <b>{escape(name)}</b> "
         f"separates {escape(' from '.join(found.follow_up.separates[:1]))} best from "
         f"{escape(listed(found.follow_up.separates[1:]))}. Play it on the same stack, then "
         f"diagnose everything together:</p><pre>{escape(play)}\n{escape(look)}</pre>"
+        f"<p>Or in one go: <code>{escape(at_once)}</code></p>"
         "<p class=\"quiet\">YOUR_BENCH.toml is the config of your rig; without <code>--rig</code> "
         f"the simulated bench is played. <code>piezo-rig plan {escape(name)} --rig "
         "YOUR_BENCH.toml</code> checks it first, without touching hardware.</p>"
@@ -230,15 +265,15 @@ def provenance_html(found: Diagnosis, hashes: Mapping[str, str]) -> str:
         ("software", f"piezo-rig {escape(__version__)}", ""),
     ]  # fmt: skip
     records = "".join(
-        f"<tr><td>{escape(name)}</td><td>{offset:+.3f} um</td></tr>"
-        for name, offset in found.recordings
-    )
+        f"<tr><td>{escape(name)}</td><td>{real_minus(f'{offset:+.3f}')} µm</td></tr>"
+        for name, offset in found.recordings if len(found.recordings) > 1
+    )  # fmt: skip
     sums = "".join(f"<tr><td>{escape(name)}</td><td><code>{escape(h)}</code></td></tr>"
                    for name, h in sorted(hashes.items()))  # fmt: skip
     return (
         _facts(rows)
-        + '<div class="wide"><table class="facts"><tr><th>recording</th><th>offset against the '
-        f"first</th></tr>{records}</table></div>"
+        + ('<div class="wide"><table class="facts"><tr><th>recording</th><th>offset against the '
+           f"first</th></tr>{records}</table></div>" if records else "")
         + ('<div class="wide"><table class="facts"><tr><th>file</th><th>SHA-256</th></tr>'
            f"{sums}</table></div>" if sums else "")
     )  # fmt: skip

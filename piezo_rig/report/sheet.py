@@ -9,8 +9,9 @@ from piezo_rig.report.assets import script, style
 
 
 def sheet(
-    title: str, verdict: Sequence[str], open_: bool, sections: Sequence[tuple[str, str, str]]
-) -> str:
+    title: str, verdict: Sequence[str], open_: bool, sections: Sequence[tuple[str, str, str]],
+    after: str = "",
+) -> str:  # fmt: skip
     """The page's text.
 
     Parameters
@@ -18,6 +19,7 @@ def sheet(
     title : plain text, as are the sentences of the verdict
     open_ : whether the verdict leaves something to be done
     sections : id, heading and HTML; those without HTML are left out
+    after : HTML that follows the verdict
     """
     sections = [s for s in sections if s[2]]
     links = "\n".join(
@@ -39,6 +41,7 @@ def sheet(
 <h1>{escape(title)}</h1>
 <nav>{links}</nav>
 <div class="verdict{" open" if open_ else ""}">{sentences}</div>
+{after}
 {body}
 </main>
 <script>

@@ -48,6 +48,8 @@ class Plot:
     band : half height of the grey band around zero, None for none
     said : what the figure shows, for those who cannot see it
     x_unit, y_unit : for what the pointer reads
+    marks : where along x something stands, and its short name
+    drawn : width of the drawing, in its own units
     """
 
     panels: Sequence[Panel]
@@ -59,6 +61,7 @@ class Plot:
     x_unit: str = ""
     y_unit: str = "nm"
     marks: Sequence[tuple[float, str]] = field(default_factory=tuple)
+    drawn: int = WIDTH
 
 
 def limits_of(curves: Sequence[Curve], least: float = 0.0) -> tuple[float, float]:
@@ -98,11 +101,11 @@ def draw(plot: Plot) -> str:
         x_range = x_range[0] - 0.5, x_range[1] + 0.5
     shared = limits_of([c for p in plot.panels for c in p.curves], plot.band or 0.0)
     count = len(plot.panels)
-    width = (WIDTH - LEFT - RIGHT - GAP * (count - 1)) / count
+    width = (plot.drawn - LEFT - RIGHT - GAP * (count - 1)) / count
     keyed = len(labels) > 1
     height = HEIGHT + (KEY if keyed else 0)
     out = [
-        f'<svg class="plot" viewBox="0 0 {WIDTH} {height}" role="img" '
+        f'<svg class="plot" viewBox="0 0 {plot.drawn} {height}" role="img" '
         f'aria-label="{escape(plot.said)}">'
     ]
     if keyed:
@@ -117,7 +120,8 @@ def draw(plot: Plot) -> str:
     middle = top + 0.5 * (height - top - BOTTOM)
     out.append(f'<text class="label" text-anchor="middle" transform="translate(13 {middle:.0f}) '
                f'rotate(-90)">{escape(plot.y_label)}</text>')  # fmt: skip
-    out.append(f'<text class="label" text-anchor="middle" x="{(LEFT + WIDTH - RIGHT) / 2:.0f}" '
+    centre = (LEFT + plot.drawn - RIGHT) / 2
+    out.append(f'<text class="label" text-anchor="middle" x="{centre:.0f}" '
                f'y="{height - 6}">{escape(plot.x_label)}</text></svg>')  # fmt: skip
     return "\n".join(out)
 

@@ -44,6 +44,7 @@ class View:
     envelope : largest and smallest residual of every bin, not their mean
     local : what single samples stand off their neighbours
     centred : every half loop is counted from its own mean
+    own : what single recordings have of their own, where a drive was recorded more than once
     text : one sentence for the caption
     """
 
@@ -59,6 +60,7 @@ class View:
     envelope: bool = False
     local: bool = False
     centred: bool = False
+    own: bool = False
 
 
 def _all(samples: Sequence[Samples]) -> Parts:
@@ -131,11 +133,12 @@ _SPIKES = View(
 )  # fmt: skip
 _BREAKS = View(
     lambda s: s.time_s, "time since the recording began (s)", "s", _all,
-    "Largest and smallest residual in all recordings: a step, or a loop that is shifted from some "
-    "moment on.", bins=240, envelope=True,
+    "Largest and smallest in all recordings: a step, or a loop that is shifted from some moment "
+    "on. Where a drive was recorded more than once a recording is taken against the mean of the "
+    "others.", bins=240, envelope=True, own=True,
 )  # fmt: skip
 _DISPLACEMENT = View(
-    lambda s: s.displacement_um, "displacement (um)", "um", _directions,
+    lambda s: s.displacement_um, "displacement (µm)", "µm", _directions,
     "Rising and falling half loops apart, all conditions together.",
 )
 _DRIVE = View(
@@ -196,15 +199,17 @@ def views_of(cause: str) -> tuple[View, ...]:
 
 
 def before_and_after(
-    residuals: Residuals, rungs: tuple[int, int], cause: str, view: View, band_nm: float | None
-) -> Plot:
-    """The residual on two rungs side by side, on the same axes."""
+    residuals: Residuals, rungs: tuple[int, int], cause: str, view: View, band_nm: float | None,
+    marks: Sequence[tuple[float, str]] = (),
+) -> Plot:  # fmt: skip
+    """The residual on two rungs side by side, on the same axes; ``marks`` stand along x."""
     curves = [curves_of(residuals, rung, view) for rung in rungs]
     return Plot(
         [Panel(f"before: without {cause}", curves[0]), Panel(f"after: with {cause}", curves[1])],
-        view.x_label, y_label(view),
+        view.x_label,
+        OTHERS if view.own and residuals.groups[0].repeats > 1 else y_label(view),
         f"Residual against {view.x_label}, before and after {cause} was added.",
-        view.log, band_nm, view.x_unit,
+        view.log, band_nm, view.x_unit, marks=marks,
     )  # fmt: skip
 
 
@@ -224,6 +229,7 @@ def single(residuals: Residuals, rung: int, view: View, title: str) -> Panel:
 
 
 DRIVE = _DRIVE
+OTHERS = "off the other recordings (nm)"
 REST: dict[str, View] = {
     "displacement": _DISPLACEMENT,
     "range": VIEWS["range-dependence"][0],
@@ -249,7 +255,7 @@ def curves_of(residuals: Residuals, rung: int, view: View) -> list[Curve]:
     parts = view.part(samples)
     edges = _edges(xs, view)
     if view.envelope:
-        return _envelope(residuals, rung, xs, edges, view.local)
+        return _envelope(residuals, rung, xs, edges, view)
     out = []
     for label, masks in parts:
         rows = []
@@ -270,12 +276,12 @@ def curves_of(residuals: Residuals, rung: int, view: View) -> list[Curve]:
 
 
 def _envelope(
-    residuals: Residuals, rung: int, xs: list[FloatArray], edges: FloatArray, local: bool
+    residuals: Residuals, rung: int, xs: list[FloatArray], edges: FloatArray, view: View
 ) -> list[Curve]:
     rows = []
     for g, x in enumerate(xs):
-        for row in residuals.single(rung, g):
-            off = row - median_filter(row, NEIGHBOURS, mode="nearest") if local else row
+        for row in residuals.own(rung, g) if view.own else residuals.single(rung, g):
+            off = row - median_filter(row, NEIGHBOURS, mode="nearest") if view.local else row
             rows.append((x, off, np.zeros(x.size, np.int64)))
     b = binned(rows, edges)
     return [Curve("largest", b.x, b.high), Curve("smallest", b.x, b.low)]

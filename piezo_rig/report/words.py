@@ -7,6 +7,10 @@ from __future__ import annotations
 
 import inspect
 import re
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
 
 from piezo_rig.causes import CAUSES
 from piezo_rig.chain import Parameter
@@ -18,6 +22,7 @@ PLACES = {
     "sensor": "the sensor (interferometer)",
     "acquisition": "the recording (digitizer)",
 }
+_MICRO = re.compile(r"\bu(?=m\b)|(?<=\d )u(?=[sF]\b)")  # um; us and uF behind a number
 SMALLER = (("s", 1e-3, 1e6, "µs"), ("s", 1.0, 1e3, "ms"), ("um", 0.1, 1e3, "nm"))
 TOLD = {
     "drive": "the drive", "displacement": "the displacement", "direction": "the direction",
@@ -40,13 +45,13 @@ def about(cause: str) -> dict[str, str]:
             out["meaning"] = (rest if found else line).rstrip(".")
         elif found and head in ("Physics", "Shows as", "Plausible"):
             out[head] = rest
-    return {k: v for k, v in out.items() if v}
+    return {k: _MICRO.sub("µ", v) for k, v in out.items() if v}
 
 
 def with_unit(p: Parameter) -> str:
     """A value with its unit, in a size that people read; a bare number has none."""
     times, unit = scaled(p)
-    return significant(times * p.value) + unit
+    return significant(times * p.value, digits_of(p)) + unit
 
 
 def scaled(p: Parameter) -> tuple[float, str]:
@@ -60,9 +65,23 @@ def scaled(p: Parameter) -> tuple[float, str]:
     return 1.0, f"\N{NO-BREAK SPACE}{p.unit.replace('um', 'µm')}"
 
 
-def significant(value: float) -> str:
-    """Four digits, with a real minus sign."""
-    return f"{value:.4g}".replace("-", "\N{MINUS SIGN}")
+def digits_of(p: Parameter) -> int:
+    """Digits that the width of the interval can be read from, four at least."""
+    if p.ci95 is None:
+        return 4
+    low, high = p.ci95
+    share = max(abs(low), abs(high)) / max(high - low, 1e-300)
+    return int(np.clip(np.ceil(np.log10(max(share, 1.0))) + 1, 4, 9))
+
+
+def significant(value: float, digits: int = 4) -> str:
+    """So many digits, with a real minus sign."""
+    return real_minus(f"{value:.{digits}g}")
+
+
+def real_minus(text: str) -> str:
+    """Numbers with a minus sign instead of a hyphen."""
+    return text.replace("-", "\N{MINUS SIGN}")
 
 
 def interval(p: Parameter, given: bool = False) -> str:
@@ -70,7 +89,8 @@ def interval(p: Parameter, given: bool = False) -> str:
     if p.ci95 is None:
         return "the form that fits best; not fitted" if given else "no interval"
     times, unit = scaled(p)
-    low, high = (significant(times * x) for x in p.ci95)
+    # with their zeros, so that both ends are as exact as they look
+    low, high = (real_minus(f"{times * x:#.{digits_of(p)}g}".rstrip(".")) for x in p.ci95)
     return f"95 %: {low} to {high}{unit}"
 
 
@@ -78,11 +98,12 @@ def gain_text(finding: Finding) -> str:
     """By how much the error fell, and how sure that is."""
     if finding.gain_percent is None:
         return "not given"
-    gain = f"{finding.gain_percent:.1f}\N{NO-BREAK SPACE}%"
+    low, high = finding.gain_ci95 or (np.nan, np.nan)
+    digits = 2 if high - low < 0.2 else 1  # ends that differ are to look different
+    gain = f"{finding.gain_percent:.{digits}f}\N{NO-BREAK SPACE}%"
     if finding.gain_ci95 is None:
-        return gain
-    low, high = finding.gain_ci95
-    return f"{gain} (95 %: {low:.1f} to {high:.1f} %)".replace("-", "\N{MINUS SIGN}")
+        return real_minus(gain)
+    return real_minus(f"{gain} (95 %: {low:.{digits}f} to {high:.{digits}f} %)")
 
 
 def chance(p: float) -> str:
@@ -110,8 +131,9 @@ def verdict(d: Diagnosis) -> list[str]:
     ]
     count = len(d.findings)
     if d.findings:
-        names = listed([f.cause for f in d.findings])
-        out.append(f"{'One cause was' if count == 1 else f'{count} causes were'} named: {names}.")
+        names = listed([_counted(f) for f in d.findings])
+        out.append(f"{'One cause was' if count == 1 else f'{count} causes were'} named: {names}."
+                   f"{_most(d)}")  # fmt: skip
     else:
         out.append("No cause was named: the model says all that these data can show.")
     if len(d.rungs) > 1:
@@ -127,13 +149,37 @@ def verdict(d: Diagnosis) -> list[str]:
     rest = d.unexplained
     verdict = "Nothing that remains stands out of the noise."
     if rest.detected:
-        verdict = f"Something remains that no known cause explains: {nm(rest.rms_nm)} rms."
+        on = [TOLD.get(w, w) for w in rest.depends_on]
+        verdict = (f"Something remains that no known cause explains: {nm(rest.rms_nm)} rms"
+                   f"{', which goes with ' + listed(on) if on else ''}.")  # fmt: skip
     unsure = [f"{f.cause} may as well be {listed(f.alternatives, 'or')}"
               for f in d.findings if f.alternatives]  # fmt: skip
     if unsure:
         verdict += f" Not decided by these data: {'; '.join(unsure)}."
+        if d.follow_up is not None:
+            verdict += f" To decide it, play {Path(d.follow_up.protocol).stem}."
     out.append(verdict + floor)
     return out
+
+
+def _counted(finding: Finding) -> str:
+    n = len(finding.events)
+    return finding.cause + (f" ({n} event{'' if n == 1 else 's'})" if n else "")
+
+
+def _most(d: Diagnosis) -> str:
+    """Which of several causes took most of the error away."""
+    falls = [
+        (before.rms_nm - after.rms_nm, before, after)
+        for before, after in pairwise(d.rungs) if after.finding is not None
+    ]  # fmt: skip
+    if len(falls) < 2:
+        return ""
+    fall, before, after = max(falls, key=lambda f: f[0])
+    if fall <= 0.0:
+        return ""
+    return (f" Most of the error went with {after.added}: from {nm(before.rms_nm)} to "
+            f"{nm(after.rms_nm)}.")  # fmt: skip
 
 
 def nm(value: float) -> str:

@@ -22,8 +22,9 @@ from piezo_rig.diagnosis.follow_up import FollowUp
 from piezo_rig.diagnosis.isolability import isolability
 from piezo_rig.errors import BenchError
 from piezo_rig.report import views
+from piezo_rig.report.matrix import matrix_html
 from piezo_rig.report.page import page, report_page
-from piezo_rig.report.words import about, scaled, verdict
+from piezo_rig.report.words import about, gain_text, interval, scaled, verdict, with_unit
 
 KINDS = ("many", "quiet", "alone", "fixed")
 VOID = ("meta", "input", "img", "br")
@@ -115,6 +116,55 @@ def test_every_finding_has_its_section_with_units_intervals_and_a_figure():
                 assert f"{times * p.ci95[1]:.4g}".replace("-", "\u2212") in part
         if finding.gain_ci95:
             assert f"{finding.gain_ci95[0]:.1f}" in part
+
+
+def test_every_event_has_a_row_a_mark_and_a_figure_to_step_through():
+    found = diagnosis("many")
+    index = next(i for i, f in enumerate(found.findings) if f.cause == "outliers")
+    planted = 12  # three in each of four recordings
+    assert len(found.findings[index].events) == planted
+    text = page("run", found, [], {})
+    part = text[text.index(f'id="finding-{index}"') :].split("</section>")[0]
+    assert part.count("<tr><td>") == planted
+    assert part.count('class="step"') == planted
+    overview = part.split('class="view"')[1]
+    assert overview.count('class="mark"') == 2 * planted  # before and after
+    for k, e in enumerate(found.findings[index].events):
+        assert f"{e.time_s:.4f} s" in part
+        assert f'href="#event-{index}-{k}"' in part
+        assert 900 < e.size < 1100  # 1 um was put in
+    assert f"outliers ({planted} events)" in " ".join(verdict(found))
+
+
+def test_what_is_wrong_with_the_data_stands_at_the_top():
+    warned = [f"sweep_000{k} is left out: <b>{k}</b>" for k in range(5)]
+    found = replace(diagnosis("quiet"), warnings=warned)
+    text = page("run", found, [], {})
+    top = text[: text.index('id="ladder"')]
+    assert "5 warnings about the data" in top
+    assert "sweep_0000 is left out: &lt;b&gt;0" in top
+    notes = text[text.index('id="notes"') :]
+    assert all(html.escape(w) in notes for w in warned)
+
+
+def test_intervals_have_the_digits_that_they_need():
+    narrow = Parameter(1.02043, "1", (1.01999, 1.02086))
+    assert with_unit(narrow) == "1.0204"
+    assert interval(narrow) == "95 %: 1.0200 to 1.0209"
+    one = replace(diagnosis("many").findings[-1], gain_percent=0.06, gain_ci95=[0.03, 0.1])
+    assert gain_text(one) == "0.06\u00a0% (95 %: 0.03 to 0.10 %)"
+
+
+def test_what_could_not_be_seen_is_not_said_to_pass_for_everything():
+    found = diagnosis("many")
+    known = isolability(found.workings.space, found.workings.last)
+    k = next(i for i, f in enumerate(known.found) if not f)
+    here = np.arange(len(known.causes)) == k
+    faint = replace(known, d_prime=np.where(here, 0.5, known.d_prime),
+                    apart=np.where(here[:, None], 0.5, 100.0) * np.ones_like(known.apart))
+    seen = Reader(matrix_html(replace(found, findings=[]), faint)).text
+    assert f"{known.causes[k]} could hardly be seen in these data at all" in seen
+    assert "could pass for" not in seen
 
 
 def test_the_ladder_has_the_numbers_of_the_terminal():

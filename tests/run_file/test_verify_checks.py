@@ -14,6 +14,8 @@ from short_run import played
 
 from piezo_rig.cli import main
 from piezo_rig.run_file.verify import usable, verify
+from piezo_rig.run_file.verify.monitor import followed
+from piezo_rig.run_file.verify.sweep_checks import Channels
 
 ALL = {f"sweep_{i:04d}" for i in range(1, 7)}
 
@@ -197,6 +199,23 @@ def test_an_amplifier_that_cannot_follow_is_a_cause_not_damage(tmp_path, plant, 
     assert status == (2 if hit == ALL else 0)
     if hit == ALL:
         assert said.err.startswith("error[no-data]: ")
+
+
+def test_an_amplifier_far_too_slow_is_a_slew_limit_in_a_noisy_coarse_monitor():
+    rate, limit, step_v = 5000.0, 280.0, 1.0 / 256.0  # 75 V at 4 Hz ask for 600 V/s
+    half = np.linspace(0.0, 75.0, 626)
+    drive = np.append(np.tile(np.concatenate([half[:-1], half[:0:-1]]), 4), 0.0)
+    stack = [0.0]
+    for v in drive[1:]:
+        stack.append(stack[-1] + min(max(v - stack[-1], -limit / rate), limit / rate))
+    noisy = np.array(stack) + 2e-3 * np.random.default_rng(3).standard_normal(drive.size)
+    monitor = np.round(noisy / step_v) * step_v
+    found = followed(
+        {"gain": 7.5, "offset_v": 75.0, "oversampling": 1},
+        Channels((drive - 75.0) / 7.5, np.zeros(drive.size), monitor, None),
+    )
+    assert found.law == "slew"
+    assert found.limit * rate == pytest.approx(limit, rel=0.005)
 
 
 def test_a_gain_that_is_wrong_everywhere_is_said_of_the_run(tmp_path):

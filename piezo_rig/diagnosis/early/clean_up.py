@@ -16,8 +16,9 @@ from piezo_rig.chain import Model, Parameter
 from piezo_rig.diagnosis.early.breaks import Breaks, find_breaks
 from piezo_rig.diagnosis.early.hum import find_hum, removed
 from piezo_rig.diagnosis.early.mended import DROP, JUMP, Break, mended
-from piezo_rig.diagnosis.early.reported import reported
+from piezo_rig.diagnosis.early.reported import events_of, reported
 from piezo_rig.diagnosis.early.spikes import find_spikes
+from piezo_rig.diagnosis.events import Event
 from piezo_rig.diagnosis.fit import Point
 from piezo_rig.diagnosis.groups import Groups
 from piezo_rig.run_file.sweep import Sweep
@@ -30,12 +31,16 @@ JOINTLY = 6  # turns of fitting base and hum
 
 @dataclass(frozen=True, eq=False)
 class Early:
-    """One cause that was found; ``p_value`` is family-wise, ``groups`` are clean of it."""
+    """One cause that was found.
+
+    ``p_value`` is family-wise, ``groups`` are clean of it, ``events`` are all of its events.
+    """
 
     cause: str
     p_value: float
     parameters: dict[str, Parameter]
     groups: Groups
+    events: tuple[Event, ...] = ()
 
 
 def _believed(
@@ -86,9 +91,10 @@ def clean_up(
     spikes = find_spikes(raw, point.model)
     if spikes.p_value * count < level:
         clean = spikes.groups
-        found.append(
-            Early("outliers", spikes.p_value * count, dict(spikes.stage().parameters), clean)
-        )
+        found.append(Early(
+            "outliers", spikes.p_value * count, dict(spikes.stage().parameters), clean,
+            events_of(raw, spikes.spikes, sweeps),
+        ))  # fmt: skip
         point = refitted(clean, point)
     hum = find_hum(clean, point.model)
     line = hum.frequency if hum is not None and hum.p_value * count < level else None
@@ -103,11 +109,12 @@ def clean_up(
             clean = mended(before, predicted, known)
             mine = breaks.of(cause)
             p = min(1.0, min(b.p_value for b in mine) * count)
-            found.append(Early(cause, p, reported(before, mine, sweeps), clean))
+            events = events_of(before, mine, sweeps)
+            found.append(Early(cause, p, reported(cause, events), clean, events))
         point = refitted(clean, point)
         # gaps follow the model, which the breaks had spoilt
         clean = mended(before, [g.predicted(point.model) for g in clean.groups], breaks.breaks)
-        found[-1] = Early(found[-1].cause, found[-1].p_value, found[-1].parameters, clean)
+        found[-1] = replace(found[-1], groups=clean)
         hum = find_hum(clean, point.model)
     if hum is not None and hum.p_value * count < level:
         noisy = clean

@@ -64,12 +64,14 @@ class Reading:
     ----------
     told : in the order in which they were found; a delay of the whole record is last
     bounds : cause that it does not show -> the smallest examples that would have shown
+    settled : the delay among them, or that there is none, is the displacement's word
     """
 
     told: tuple[Told, ...] = ()
     bounds: dict[str, tuple[Stage, ...]] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
+    settled: bool = False
 
 
 @dataclass(frozen=True)
@@ -272,7 +274,8 @@ class _Reader:
         if gained > PLAIN:
             notes.append(
                 f"the drive monitor comes {1e3 * late:.4g} ms after the command: the whole record "
-                "is late by that, or the generator holds its samples"
+                "is late by that, the generator holds its samples, or the monitor's own channel "
+                "is late"
             )
             chance = max(float(stats.chi2.sf(gained, 1)), LEAST) * count
             half = self.delay_half_s(here)

@@ -22,48 +22,80 @@ MOST = 0.02  # of all samples
 SMALLEST = 1e-5  # of the travel
 
 
+@dataclass(frozen=True)
+class Spike:
+    """One spike of one recording.
+
+    Attributes
+    ----------
+    group, row : the recording
+    index : its first sample, ``low`` and ``high`` as well: it is certain
+    height_nm : of its largest sample, off the neighbours
+    """
+
+    group: int
+    row: int
+    index: int
+    height_nm: float
+
+    @property
+    def low(self) -> int:
+        return self.index
+
+    @property
+    def high(self) -> int:
+        return self.index
+
+
 @dataclass(frozen=True, eq=False)
 class Spikes:
     """What was found, and the recordings without it."""
 
     groups: Groups
-    count: int
+    spikes: tuple[Spike, ...]
     seconds: float
     p_value: float
 
     def stage(self) -> Stage:
-        rate = self.count / self.seconds
-        low = stats.chi2.ppf(0.025, 2 * self.count) / 2.0 / self.seconds if self.count else 0.0
-        high = stats.chi2.ppf(0.975, 2 * self.count + 2) / 2.0 / self.seconds
+        count = len(self.spikes)
+        rate = count / self.seconds
+        low = stats.chi2.ppf(0.025, 2 * count) / 2.0 / self.seconds if count else 0.0
+        high = stats.chi2.ppf(0.975, 2 * count + 2) / 2.0 / self.seconds
         kind = CAUSES["outliers"]
         return kind({"per_second": Parameter(rate, "1/s", (float(low), float(high)))})
 
 
 def find_spikes(groups: Groups, model: Model) -> Spikes:
     """Samples that stand far off their neighbours on both sides, against a model's prediction."""
-    cleaned, count, seconds, samples = [], 0, 0.0, 0
-    for group in groups.groups:
+    cleaned, spikes, seconds, samples = [], list[Spike](), 0.0, 0
+    for g, group in enumerate(groups.groups):
         predicted = group.predicted(model)
         marks = np.array([_marks(row - predicted, groups.travel_um) for row in group.measured_um])
         if group.repeats > 1:  # what every repeat shows at the same place is no accident
             marks &= np.array([_alone(group.measured_um, k) for k in range(group.repeats)])
         rows = []
-        for row, mark in zip(group.measured_um, marks, strict=True):
+        for r, (row, mark) in enumerate(zip(group.measured_um, marks, strict=True)):
             found = _events(mark)
-            count += len(found)
+            off = _off(row - predicted) if found else row
+            spikes += [Spike(g, r, a, 1e3 * float(max(off[a:b], key=abs))) for a, b in found]
             rows.append(_filled(row, predicted, mark) if found else row)
         cleaned.append(group.with_measured(np.array(rows)))
         seconds += group.repeats * float(group.time_s[-1] - group.time_s[0])
         samples += group.measured_um.size
-    chance = samples * 2.0 * float(stats.norm.sf(FAR))
+    chance, count = samples * 2.0 * float(stats.norm.sf(FAR)), len(spikes)
     p = float(stats.poisson.sf(count - 1, max(chance, 1e-6))) if count else 1.0
     if count == 0:
-        return Spikes(groups, 0, seconds, 1.0)
-    return Spikes(groups.with_(cleaned), count, seconds, max(p, 1e-12))
+        return Spikes(groups, (), seconds, 1.0)
+    return Spikes(groups.with_(cleaned), tuple(spikes), seconds, max(p, 1e-12))
+
+
+def _off(values: FloatArray) -> FloatArray:
+    """What samples stand off their neighbours."""
+    return values - ndimage.median_filter(values, 2 * LONGEST + 1, mode="nearest")
 
 
 def _marks(residual: FloatArray, travel_um: float) -> NDArray[np.bool_]:
-    off = residual - ndimage.median_filter(residual, 2 * LONGEST + 1, mode="nearest")
+    off = _off(residual)
     sigma = 1.4826 * float(np.median(np.abs(off)))
     # heavy tails and slow noise must not pass for spikes
     spread = (np.percentile(off, 99) - np.percentile(off, 1)) / 4.65
@@ -92,7 +124,7 @@ def _sharp(residual: FloatArray, off: FloatArray, a: int, b: int) -> bool:
 def _alone(rows: FloatArray, k: int) -> NDArray[np.bool_]:
     """Where recording k stands off the mean of the others as well."""
     apart = rows[k] - np.delete(rows, k, axis=0).mean(axis=0)
-    off = apart - ndimage.median_filter(apart, 2 * LONGEST + 1, mode="nearest")
+    off = _off(apart)
     sigma = 1.4826 * float(np.median(np.abs(off)))
     # a coarse sensor repeats itself exactly most of the time
     spread = (np.percentile(off, 99) - np.percentile(off, 1)) / 4.65

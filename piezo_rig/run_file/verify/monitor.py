@@ -23,6 +23,7 @@ MONITOR_TOLERANCE_V = 0.75
 GAIN_TOLERANCE = 0.01
 _NARROW_V = 10.0  # sweeps of less tell no gain
 _MOST_LOST = 500  # samples
+_OVER = 50  # samples that a speed is taken over
 
 
 @dataclass(frozen=True)
@@ -96,13 +97,24 @@ def _law(
         return "upper", high, f"{text}: it stops at {high:.2f} V"
     if drive.min() < low - MONITOR_TOLERANCE_V and _fits(np.maximum(drive, low), monitor, slew):
         return "lower", low, f"{text}: it stops at {low:.2f} V"
-    limit = float(np.quantile(np.abs(np.diff(monitor)), 0.98)) if monitor.size > 1 else 0.0
+    limit = _fastest(monitor)
     if 0 < limit < 0.9 * slew.max() and _fits(_limited(drive, limit, monitor[0]), monitor, slew):
         return "slew", limit, f"{text}: it changes by no more than {limit:.3g} V per sample"
     first = int(np.argmax(worst > min(worst[index], MONITOR_TOLERANCE_V) - 1e-12))
     if lost := _lost(drive, monitor, slew, first):
         return "lost", float(lost), f"{text}: {lost} samples or so are missing before it"
     return "none", 0.0, text
+
+
+def _fastest(monitor: np.ndarray) -> float:
+    """Volts per sample that the monitor changes by where it is fastest.
+
+    Over many samples: the noise and the steps of single ones would add up over a half loop.
+    """
+    over = min(_OVER, monitor.size // 4)
+    if over < 1:
+        return 0.0
+    return float(np.quantile(np.abs(monitor[over:] - monitor[:-over]), 0.98)) / over
 
 
 def _limited(drive: np.ndarray, limit: float, start: float) -> np.ndarray:

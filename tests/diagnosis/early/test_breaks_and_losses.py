@@ -14,7 +14,7 @@ from small_bench import recordings
 from piezo_rig.chain import Elements, Maxwell, Model
 from piezo_rig.diagnosis.early.breaks import find_breaks
 from piezo_rig.diagnosis.early.mended import mended
-from piezo_rig.diagnosis.early.reported import reported
+from piezo_rig.diagnosis.early.reported import events_of, reported
 from piezo_rig.diagnosis.groups import group_tracks
 from piezo_rig.identification import prepare
 
@@ -117,9 +117,10 @@ def test_several_events_are_reported_as_lists_with_the_sweep_that_each_is_in():
     sweeps[0] = with_jump(sweeps[0], 700, 1)
     sweeps[5] = with_jump(sweeps[5], 2000, -1)
     groups, breaks = searched(sweeps)
-    parameters = reported(groups, breaks, sweeps)
+    events = events_of(groups, breaks, sweeps)
+    parameters = reported("fringe-jump", events)
     assert parameters["sweep"].values == (1.0, 6.0)
     assert parameters["step"].values == pytest.approx((79.1, -79.1))
     assert parameters["time"].values == pytest.approx((0.35, 1.0))
-    one = reported(groups, breaks[:1], sweeps)
+    one = reported("fringe-jump", events[:1])
     assert one["step"].value in (79.1, -79.1)

@@ -170,6 +170,37 @@ def test_a_sensor_that_is_late_behind_a_clean_monitor_is_a_skew_and_no_lag():
     assert finding.parameters["delay"].value == pytest.approx(DELAY, rel=0.05)
 
 
+def very_late(drive):
+    return late(drive, 3e-4)
+
+
+@pytest.mark.parametrize("fixed", [False, True])
+def test_a_delay_that_the_displacement_denies_is_no_finding(plain, fixed):
+    baseline = diagnose(plain).model if fixed else "classical"
+    found = diagnose(watched(plain, late), baseline)
+    assert found.findings == []
+    assert len(found.rungs) == 1
+    assert found.model.stage("time-skew") is None
+    assert any("the displacement is not" in n for n in found.notes)
+    assert found.rungs[0].rms_nm == pytest.approx(2.0, rel=0.1)  # the noise that was put in
+
+
+def test_where_monitor_and_displacement_differ_the_displacement_counts():
+    true = 1e-4
+    sweeps = recordings(lambda x, drive, t: np.interp(t - true, t, x), conditions=SPEEDS)
+    found = diagnose(watched(sweeps, very_late))
+    (finding,) = found.findings
+    assert finding.cause == "time-skew"
+    low, high = finding.parameters["delay"].ci95
+    middle, half = 0.5 * (low + high), 0.5 * (high - low)
+    assert abs(true - middle) < 1.5 * half
+    assert half < 0.1 * true
+    # the rung is drawn with that delay, and comes down to the noise that was put in
+    assert found.rungs[-1].rms_nm == pytest.approx(2.0, rel=0.1)
+    assert finding.gain_percent > 10
+    assert any("the displacement is what counts" in n for n in found.notes)
+
+
 def test_a_lag_in_the_monitor_is_the_amplifiers_and_the_command_line_says_so(tmp_path, capsys):
     sweeps = watched(recordings(before=lagging, conditions=SPEEDS), lagging)
     files = []
