@@ -8,7 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.linalg import toeplitz
 
+from piezo_rig.chain import half_loops
 from piezo_rig.diagnosis.cells import Cells, beside_corners, cells_of, corners
+from piezo_rig.diagnosis.groups import Group, Groups
 from piezo_rig.diagnosis.noise import Spectrum
 from piezo_rig.diagnosis.whitening import CellWhitener
 
@@ -100,3 +102,34 @@ def test_noise_is_white_in_cells_and_beside_corners(corner):
     off = covariance[np.ix_(inside, inside)] - np.eye(inside.size)
     assert np.abs(np.diag(off)).max() < 0.1
     assert np.linalg.norm(off, 2) < 0.3
+
+
+def plays(drive):
+    """A Prandtl-Ishlinskii body, sample by sample."""
+    thresholds, weights = np.array([2.0, 6.0, 14.0, 25.0]), np.array([0.03, 0.02, 0.02, 0.01])
+    out, state = np.empty(drive.size), np.zeros(4)
+    for i, v in enumerate(drive):
+        state = np.clip(state, v - thresholds, v + thresholds)
+        out[i] = 0.06 * v + weights @ state
+    return out
+
+
+@pytest.mark.parametrize("block", [(0, 5001), (700, 4900)])
+def test_a_thinned_drive_shows_what_a_small_change_does(block):
+    """Its corners, and what came before the block, are kept: as if played whole, then thinned."""
+    drive = triangles(2)
+    group = Group(
+        np.arange(drive.size) / RATE, drive, np.zeros((1, drive.size)), np.zeros(1), "virgin",
+        (block,), half_loops(drive), "0-60", ((0,),),
+        fine=beside_corners([0, 1250, 2500, 3750], RATE, 60, drive.size),
+    )  # fmt: skip
+    groups = Groups((group,), RATE, 7)
+    short, inside = groups.short(group)
+    assert short.drive_v.size < 0.4 * drive.size
+    whole = plays(1.01 * drive) - plays(drive)
+    there = (plays(1.01 * short.drive_v) - plays(short.drive_v))[inside]
+    off = there - groups.thinned(group, whole)
+    assert np.sqrt(np.mean(off**2)) < 1e-3 * np.ptp(whole)
+    assert np.abs(off).max() < 0.02 * np.ptp(whole)  # in cells in which a slider gives way
+    seconds = groups.thinned(group, group.time_s)
+    assert np.array_equal(short.time_s[inside], seconds)
