@@ -119,6 +119,14 @@ class Reaching:
         """Displacements at which slopes change because of it, um, shape (b,)."""
         return np.append(self._ends_um, 2.0 * self.last_um) if self.closing > 0 else self._ends_um
 
+    def added(self, offset: float) -> tuple[FloatArray, FloatArray]:
+        """Where pieces end, um, and V/um on each, of a law that adds an offset to every slope."""
+        added = offset * self._step_shares
+        if not self.closing > 0:
+            return self.breaks, added
+        gained = float(_steps(self._ends_um) @ added)
+        return self.breaks, np.append(added, -self.closing * gained / self.last_um)
+
     @property
     def last_um(self) -> float:
         """Displacement after the turning point at which the law ends."""

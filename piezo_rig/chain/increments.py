@@ -38,6 +38,8 @@ class Operation(IntEnum):
     """share, angular frequency 1/s, damping"""
     AGE = 9
     """share of the stroke per decade of cycles"""
+    STOP = 10
+    """width um to either side, share of the compliance at its ends, whether the share fades (1)"""
 
 
 @dataclass(frozen=True)

@@ -191,10 +191,11 @@ class Model:
     def place_um(self, drive_v: FloatArray, history: str = "virgin") -> FloatArray:
         """Where the actuator stands, from its virgin state at 0 V, um, shape (n,).
 
-        Only what has no clock: springs, sliders and a bend. The arguments are those of `simulate`.
+        Only what has no clock: springs, sliders and what follows them at once. The arguments are
+        those of `simulate`.
         """
         still = self.with_(stages=tuple(
-            s for s in self.stages if s.linear or type(s).act is Stage.act
+            s for s in self.stages if s.rate_free or type(s).act is Stage.act
         ))  # fmt: skip
         drive = np.ascontiguousarray(drive_v, dtype=float)
         before = 0

@@ -90,6 +90,7 @@ class Stage:
     linear : parameters that the displacement is linear in, fitted with the element tables
     neutral : values at which it does nothing, where that is not 0
     has_elements : whether it carries an element table
+    rate_free : whether what it does to the signal knows no clock
     passes : small changes of the displacement before it show behind it as they are
     """
 
@@ -101,6 +102,7 @@ class Stage:
     neutral: ClassVar[Mapping[str, float]] = {}
     linear: ClassVar[tuple[str, ...]] = ()
     has_elements: ClassVar[bool] = False
+    rate_free: ClassVar[bool] = False
     passes: ClassVar[bool] = False
 
     parameters: dict[str, Parameter] = field(default_factory=dict)

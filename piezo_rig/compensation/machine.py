@@ -8,6 +8,9 @@ displacement is the target's. Neither looks ahead.
 The memory of the sliders follows Madelung's rules as `piezo_rig.chain.kernels.walk` does, which
 cuts whole monotone runs and is faster. Half loops are counted as they come: a branch is taken to
 begin one, and a reversal that stays within the dead band leaves the count as it was.
+
+The compiled code is kept with this file and holds that of `operations`, a change of which it does
+not notice: touch both.
 """
 
 from __future__ import annotations

@@ -14,7 +14,7 @@ SMALLEST_V = 1e-9  # what moves less stands still: it is the rounding of a solut
 MEMORY = 16  # floats that an operation remembers at most
 
 # of `Operation`; compiled code reads plain numbers
-GAIN, CLIP, SLEW, LAG, WIDEN, BEND, DRAG, RELAX, MODE, AGE = range(10)
+GAIN, CLIP, SLEW, LAG, WIDEN, BEND, DRAG, RELAX, MODE, AGE, STOP = range(11)
 
 
 @numba.njit(cache=True)
@@ -46,6 +46,9 @@ def begin(kind, n, new, x, drive):
     if kind == AGE:
         new[0] = x
         new[1] = drive
+        return x
+    if kind == STOP:
+        new[1] = x
         return x
     return x
 
@@ -105,6 +108,8 @@ def step(kind, n, cap, cache, old, new, x, drive):
         return x + n[0] * (_mode(n, cache, old, new, x) - x)
     if kind == AGE:
         return _age(n, cap, old, new, x, drive)
+    if kind == STOP:
+        return _stop(n, old, new, x)
     return x
 
 
@@ -188,3 +193,12 @@ def _age(n, band, old, new, x, drive):
         new[3] = old[3] + 1.0
     new[4] = old[4] + n[0] * math.log10(new[3] // 2.0 + 1.0) * (x - old[0])
     return x + new[4]
+
+
+@numba.njit(cache=True)
+def _stop(n, old, new, x):
+    """Memory: the stop, its input."""
+    s = min(max(old[0] + x - old[1], -n[0]), n[0])
+    new[0] = s
+    new[1] = x
+    return x - n[1] * (s * s / (2.0 * n[0]) if n[2] > 0.0 else abs(s))

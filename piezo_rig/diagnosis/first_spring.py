@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from piezo_rig.causes.cause import FirstSpring
 from piezo_rig.chain import Elements, Model, Parameter
+from piezo_rig.chain.branches import Reaching
 from piezo_rig.diagnosis.fit import smoothness
 from piezo_rig.diagnosis.refit import Fitted, smooth_weight
 
@@ -53,12 +54,27 @@ def with_offset(fitted: Fitted, model: Model, stage: FirstSpring) -> Model:
     assert table is not None
     if not any(s.has_elements and s.id != "maxwell" for s in model.stages):
         return model
-    reach = reach_of(stage, table)
     law = type(stage)(stage.parameters | {"offset": offset_of(fitted, stage)})
-    moved = type(model.maxwell).of(table.with_spring(-spring_of(table, reach), 0.5 * reach))
+    moved = type(model.maxwell).of(without_offset(table, stage, law["offset"] - stage["offset"]))
     return model.with_(stages=tuple(
         moved if s.id == "maxwell" else law if s.id == stage.id else s for s in model.stages
     ))  # fmt: skip
+
+
+def without_offset(table: Elements, stage: FirstSpring, offset: float) -> Elements:
+    """The table less what an offset of that law, V/um, adds to every later branch.
+
+    A law that fades out does so in steps, and one that closes takes back: a spring for each end.
+    """
+    numbers = {name: p.value for name, p in stage.parameters.items()}
+    own = Reaching(
+        reach_of(stage, table), lambda slopes, loops: slopes + offset,
+        numbers.get("closing", 0.0), numbers.get("taper", 0.0) > 0,
+    )  # fmt: skip
+    ends, added = own.added(offset)
+    for end, spring in zip(ends, -np.diff(added, append=0.0), strict=True):
+        table = table.with_spring(-float(spring), 0.5 * float(end))
+    return table
 
 
 def offset_of(fitted: Fitted, stage: FirstSpring) -> Parameter:

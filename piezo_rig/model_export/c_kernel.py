@@ -30,7 +30,7 @@ def law_of(stage: Stage, slope: str) -> str | None:
     if isinstance(stage, FirstSpring) and type(stage) in HISTORY:
         history = HISTORY[type(stage)]
         return f"{slope} + {number(stage['slope'])} * {history} + {number(stage['offset'])}"
-    if isinstance(stage, DirectionAsymmetry):
+    if isinstance(stage, DirectionAsymmetry) and not stage.closes:
         r = stage["ratio"]
         rising, falling = number(2 * r / (1 + r)), number(2.0 / (1 + r))
         return f"{slope} * (way > 0 ? {rising} : {falling})"

@@ -15,6 +15,7 @@ from piezo_rig.causes.amplifier_lag import AmplifierLag
 from piezo_rig.causes.clock_ratio import ClockRatio
 from piezo_rig.causes.creep import TIMES_S, Creep
 from piezo_rig.causes.cycle_aging import CycleAging
+from piezo_rig.causes.direction_asymmetry import DirectionAsymmetry
 from piezo_rig.causes.drive_clipping import DriveClipping
 from piezo_rig.causes.drive_gain import DriveGain
 from piezo_rig.causes.periodic_nonlinearity import HALF_WAVE_UM, PeriodicNonlinearity
@@ -154,6 +155,30 @@ def _bend(stage: Stage, at: Place) -> Part:
     double u = (v - {number(stage['from_v'])}) / {number(stage['over_v'])};
     x += u * u * {nested};
 }}""")
+
+
+def _direction_asymmetry(stage: Stage, at: Place) -> Part:
+    assert isinstance(stage, DirectionAsymmetry)
+    if not stage.closes:  # the kernel has it, as a law
+        return Part()
+    width, share, fades = stage.state
+    stop, before, most = at.own("stop"), at.own("before"), number(width)
+    even = f"s->{stop} * s->{stop} / {number(2.0 * width)}" if fades else f"fabs(s->{stop})"
+    return Part(
+        members=f"double {stop}, {before};",
+        step=f"""\
+if (!s->begun) {{
+    s->{stop} = 0.0;
+    s->{before} = x;
+}}
+s->{stop} += x - s->{before};
+if (s->{stop} > {most})
+    s->{stop} = {most};
+if (s->{stop} < -{most})
+    s->{stop} = -{most};
+s->{before} = x;
+x -= {number(share)} * {even};""",
+    )
 
 
 def _creep(stage: Stage, at: Place) -> Part:
@@ -307,6 +332,7 @@ PARTS: dict[type[Stage], Callable[[Stage, Place], Part]] = {
     AmplifierLag: _amplifier_lag,
     RateDependence: _rate_dependence,
     Bend: _bend,
+    DirectionAsymmetry: _direction_asymmetry,
     Creep: _creep,
     CycleAging: _cycle_aging,
     Resonance: _resonance,

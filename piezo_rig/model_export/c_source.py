@@ -93,7 +93,8 @@ def _unknown(stage: Stage) -> str:
     if acts and kind not in PARTS:
         return "nobody has written its C form"
     shapes = kind.shape is not Stage.shape and not kind.has_elements
-    return "nobody has written its C form" if shapes and not law_of(stage, "slope") else ""
+    unknown = shapes and kind not in PARTS and not law_of(stage, "slope")
+    return "nobody has written its C form" if unknown else ""
 
 
 def _head(

@@ -32,7 +32,9 @@ FloatArray = NDArray[np.float64]
 HERE = Path(__file__).resolve().parent
 REPEATS = 3
 ALLOWED = 1.5
+DATA, FEWER = "before_compensation", "quick_look"  # protocols
 STRAIGHT, EXTENDED, UNLED = "none", "extended", "extended, free end"
+QUICK = f"extended, {FEWER}"
 IDENTIFIED = ("classical", "initiation", "range", "extremum")
 OUT_OF_REACH = 3
 SHOWN = "minor loops"
@@ -88,9 +90,8 @@ def straight_line(sweeps: list[Sweep]) -> Model:
 
 
 def make_models(folder: Path) -> dict[str, Path]:
-    """Play quick_look, and every model of it."""
-    program("run", "quick_look", "--out", folder / "data")
-    data = run_in(folder / "data")
+    """Play the data, and every model of them."""
+    data = played(DATA, folder)
     found = {STRAIGHT: folder / "line.json"}
     save_model(straight_line(Run(data).sweeps()), found[STRAIGHT])
     for name in IDENTIFIED:
@@ -98,7 +99,15 @@ def make_models(folder: Path) -> dict[str, Path]:
         program("identify", data, "--model", name, "--out", found[name])
     found[EXTENDED] = found[UNLED] = folder / "extended.json"
     program("diagnose", data, "--save-model", found[EXTENDED], "--json", folder / "diagnosis.json")
+    found[QUICK] = folder / "quick.json"
+    program("diagnose", played(FEWER, folder), "--save-model", found[QUICK])
     return found
+
+
+def played(protocol: str, folder: Path) -> Path:
+    """The run of a shipped protocol."""
+    program("run", protocol, "--out", folder / protocol)
+    return run_in(folder / protocol)
 
 
 def track(models: dict[str, Path], folder: Path) -> Found:
@@ -153,7 +162,7 @@ def document(
     for name in names:
         for label in models:
             one = found.get((label, name))
-            if label == UNLED:
+            if label in (UNLED, QUICK):
                 continue
             first = f"**{name}**" if label == STRAIGHT else ""
             if one is None:
@@ -173,6 +182,13 @@ def document(
             ((name, number(one.rms_nm, 2), number(one.rms_nm / floor, 2), number(one.floor_nm, 2))
              for name, one in tracked.items()),
         ),
+        "data": DATA, "fewer": FEWER,
+        "quick": table(
+            ("target", f"{DATA}, nm", f"{FEWER} alone, nm"),
+            ((name, number(tracked[name].rms_nm, 2), number(found[QUICK, name].rms_nm, 2))
+             for name in names),
+        ),
+        "quick_stages": ", ".join(f"`{s.id}`" for s in load_model(models[QUICK]).stages),
         "verdict": f"The largest is {number(worst, 2)} times the noise floor; "
         + (f"at most {ALLOWED} was asked for." if worst <= ALLOWED
            else f"**at most {ALLOWED} was asked for.**"),

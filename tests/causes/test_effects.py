@@ -144,3 +144,33 @@ def test_creep_carries_many_small_changes_as_it_carries_one():
     for change, found in zip(changes, carried, strict=True):
         alone = stage.act(Signal(time, base, change)).displacement_um
         assert found - found[0] == pytest.approx(alone - alone[0], abs=1e-10)
+
+
+def asymmetric(drive, **values):
+    knots, c = np.array([4.0, 12.0, 30.0, 80.0]), np.array([0.08, 0.1, 0.12, 0.15])
+    stage = CAUSES["direction-asymmetry"].of(None, closing=1.0, **values)
+    model = Model((Maxwell.of(Elements.from_curve(knots, c)),)).with_stage(stage)
+    return model.simulate(np.arange(drive.size) / 5e3, drive)
+
+
+@pytest.mark.parametrize("taper", [0.0, 1.0])
+def test_an_asymmetric_actuator_closes_loops_of_every_size(taper):
+    # down and up again from within a first rise, then up and down again from within a fall
+    for size in (0.05, 0.6, 3.0, 12.0):
+        loop = np.concatenate([np.linspace(0.0, -size, 30), np.linspace(-size, 0.0, 30)[1:]])
+        rise, fall = np.linspace(0.0, 60.0, 200), np.linspace(60.0, 30.0, 100)
+        drive = np.concatenate([rise, *(60.0 + loop[1:],) * 3, fall[1:], *(30.0 - loop[1:],) * 3])
+        x = asymmetric(drive, ratio=0.9, reach=0.4, taper=taper)
+        assert x[199 + 58 * np.arange(4)] == pytest.approx(x[199], abs=1e-12)
+        assert x[-1 - 58 * np.arange(4)] == pytest.approx(x[-1], abs=1e-12)
+
+
+@pytest.mark.parametrize("taper", [0.0, 1.0])
+def test_half_loops_of_an_asymmetric_actuator_begin_in_the_ratio_and_end_alike(taper):
+    up, down = np.linspace(0.0, 60.0, 6001), np.linspace(60.0, 0.0, 6001)
+    x = asymmetric(np.concatenate([up, down[1:], up[1:]]), ratio=0.9, reach=0.4, taper=taper)
+    falling, rising = x[6000:12001], x[12000:]
+    # slopes V/um, ascending over descending: what one drive step moves, the other way round
+    ratio = (falling[1] - falling[0]) / (rising[0] - rising[1])
+    assert ratio == pytest.approx(0.9, rel=1e-3)
+    assert rising[-1] - rising[0] == pytest.approx(falling[0] - falling[-1], abs=1e-12)

@@ -43,13 +43,15 @@ def followed(model, time, target, first=0.0):
     exponent=st.sampled_from([0.5, 1.0]), first=st.sampled_from([0.0, 20.0]),
     reach=st.sampled_from([{}, {"reach": 0.3, "ties": 0.0}, {"reach": 0.3, "ties": 1.0}]),
     shares=st.sampled_from([{}, {n: 0.2 * k for k, n in enumerate(SHARES)}]),
+    closes=st.sampled_from([{}, {"closing": 1.0}, {"closing": 1.0, "taper": 1.0}]),
     turns=st.lists(levels, min_size=2, max_size=25), points=st.integers(3, 40),
 )
 def test_sample_by_sample_is_the_whole_signal(
-    ids, widens, exponent, first, reach, shares, turns, points
+    ids, widens, exponent, first, reach, shares, closes, turns, points
 ):
     rate = {"widens": widens, "exponent": exponent}
-    own = {"rate-dependence": rate, "range-dependence": reach, "creep": shares}
+    own = {"rate-dependence": rate, "range-dependence": reach, "creep": shares,
+           "direction-asymmetry": closes}  # fmt: skip
     model = model_with(*(id for id in EVERY if id in ids), **own)
     time, drive = legs([first, *turns], points)
     expected = model.simulate(time, drive, free_end=True)
@@ -89,11 +91,13 @@ def test_the_drive_of_textbook_sliders_is_found_from_their_displacement():
 @settings(max_examples=25)
 @given(
     ids=st.sets(st.sampled_from([id for id in EVERY if id != "drive-clipping"])),
+    closes=st.sampled_from([{}, {"closing": 1.0}, {"closing": 1.0, "taper": 1.0}]),
     turns=st.lists(levels, min_size=2, max_size=15), points=st.integers(3, 30),
 )
-def test_an_inverted_model_follows_what_it_can_do(ids, turns, points):
+def test_an_inverted_model_follows_what_it_can_do(ids, closes, turns, points):
     rate = {"lag_um": 0.005}  # within what a drive outruns; the rest is bounded, see below
-    model = model_with(*(id for id in EVERY if id in ids), **{"rate-dependence": rate})
+    own = {"rate-dependence": rate, "direction-asymmetry": closes}
+    model = model_with(*(id for id in EVERY if id in ids), **own)
     time, drive = legs([0.0, *turns], points)
     target = model.simulate(time, drive, free_end=True)
     found = followed(model, time, target)

@@ -1,0 +1,23 @@
+"""A stop operator: how far a signal has come from where it last turned, and no further than so far.
+
+It follows every step of the signal and stands still at either end of its width. It is a state: a
+loop of the signal, however small, brings it back to where it was, and so it is with every function
+of it (M. Brokate and J. Sprekels, Hysteresis and Phase Transitions, 1996, section 2.3).
+"""
+
+from __future__ import annotations
+
+import numba
+import numpy as np
+
+
+@numba.njit(cache=True, nogil=True)
+def stopped(signal, width):
+    """The stop (n,) of a signal, within ``width`` to either side; 0 at the first sample."""
+    out = np.empty(signal.size)
+    s = 0.0
+    for i in range(signal.size):
+        if i > 0:
+            s = min(max(s + signal[i] - signal[i - 1], -width), width)
+        out[i] = s
+    return out
