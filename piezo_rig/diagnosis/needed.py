@@ -23,21 +23,29 @@ def worth_needed(fitted: Fitted, id: str) -> float:
 
 
 def needless(fitted: Fitted, causes: list[str]) -> str | None:
-    """A member whose parameters are not different from doing nothing."""
+    """A member whose parameters are not different from doing nothing.
+
+    Its optional ones are held: how far a law reaches means nothing where there is no law, and data
+    that leave the two open together may still show plainly that there is one.
+    """
     values = fitted.point.values()[fitted.point.linear :]
     for cause in causes:
         kind = CAUSES[cause]
-        index = [
-            j
-            for j, (id, name) in enumerate(fitted.point.names)
-            if id == cause
-            and name not in getattr(kind, "priors", {})
-            and name not in getattr(kind, "optional", {})
+        own = [
+            j for j, (id, name) in enumerate(fitted.point.names)
+            if id == cause and name not in getattr(kind, "priors", {})
         ]
+        optional = getattr(kind, "optional", {})
+        index = [j for j in own if fitted.point.names[j][1] not in optional]
+        rest = [j for j in own if j not in index]
         if not index:
             continue
         off = values[index] - [kind.neutral.get(fitted.point.names[j][1], 0.0) for j in index]
         covariance = fitted.covariance[np.ix_(index, index)]
+        if rest:
+            cross = fitted.covariance[np.ix_(index, rest)]
+            of_rest = fitted.covariance[np.ix_(rest, rest)]
+            covariance = covariance - cross @ np.linalg.pinv(of_rest, hermitian=True) @ cross.T
         distance = float(off @ np.linalg.solve(covariance, off))
         if distance < stats.chi2.isf(DIFFERENT, len(index)):
             return cause
