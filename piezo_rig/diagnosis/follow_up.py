@@ -1,4 +1,8 @@
-"""What to play next: the shipped protocol under which a confused set is told apart best."""
+"""What to play next: the shipped protocol under which a confused set is told apart best.
+
+An actuator that rests within a sweep recovers in part, and no cause of the catalogue says how. So
+a protocol with such rests is taken only where no other one would do.
+"""
 
 from __future__ import annotations
 
@@ -12,16 +16,21 @@ from piezo_rig.causes import CAUSES
 from piezo_rig.causes.cause import Cause, Context
 from piezo_rig.chain import half_loops
 from piezo_rig.config import DEFAULT_RIG, load_rig
+from piezo_rig.diagnosis.confusion import APART
 from piezo_rig.diagnosis.groups import Group
 from piezo_rig.diagnosis.refit import Fitted
 from piezo_rig.diagnosis.scan import context_of
 from piezo_rig.diagnosis.space import Space
 from piezo_rig.errors import PiezoRigError
-from piezo_rig.protocol import build_plan, load_protocol
-from piezo_rig.resources import shipped_names
+from piezo_rig.protocol import Plan, build_plan, load_protocol
+from piezo_rig.protocol.plan import REST_DRIVE_V
+from piezo_rig.resources import find, shipped_names
 
 FloatArray = NDArray[np.float64]
 THIN = 25
+FAINT = 6.0  # d' from which on anything is found
+ENOUGH = float(np.sqrt(1.0 - (APART / FAINT) ** 2))  # cosine at which even that is told apart
+RESTS_S = 1.0  # at rest within a sweep: an actuator recovers from it, in part
 
 
 @dataclass(frozen=True)
@@ -90,25 +99,34 @@ def follow_up(space: Space, fitted: Fitted, alternatives: dict[str, list[str]]) 
     cause = max(confused, key=lambda c: len(confused[c]))
     rivals = confused[cause]
     context = context_of(space, fitted.point.model)
-    best: FollowUp | None = None
+    best: dict[bool, FollowUp] = {}  # with rests within a sweep, and without
     for name in shipped_names("protocols"):
         try:
-            groups = _played(name, space)
+            plan = build_plan(load_protocol(find("protocols", name)), load_rig(DEFAULT_RIG))
+            groups = _played(plan, space)
         except PiezoRigError:
             continue
         if not groups:
             continue
+        rests = any(rest_s(w.drive_v, plan.sample_rate) > RESTS_S for _, w in plan.conditions())
         worst = max(_cosine(groups, fitted, cause, rival, context) for rival in rivals)
-        if best is None or worst < best.cosine - 1e-6:
-            best = FollowUp(name, [cause, *rivals], worst)
-    return best
+        if rests not in best or worst < best[rests].cosine - 1e-6:
+            best[rests] = FollowUp(name, [cause, *rivals], worst)
+    if False in best and best[False].cosine <= ENOUGH:
+        return best[False]
+    return min(best.values(), key=lambda f: f.cosine, default=None)
 
 
-def _played(name: str, space: Space) -> list[Group]:
-    """The drives of a protocol, scaled to the data's own range."""
-    from piezo_rig.resources import find
+def rest_s(drive_v: FloatArray, rate: float) -> float:
+    """Longest stay at rest after the first motion of a sweep (n,), s."""
+    resting = np.abs(drive_v - REST_DRIVE_V) < 1e-9
+    resting[: int(np.argmin(resting))] = False
+    ends = np.flatnonzero(np.diff(np.concatenate([[0], resting.astype(int), [0]])))
+    return float(np.max(ends[1::2] - ends[::2], initial=0)) / rate
 
-    plan = build_plan(load_protocol(find("protocols", name)), load_rig(DEFAULT_RIG))
+
+def _played(plan: Plan, space: Space) -> list[Group]:
+    """The drives of a plan, scaled to the data's own range."""
     top = max(float(w.drive_v.max()) for _, w in plan.conditions())
     if top <= 0:
         return []
