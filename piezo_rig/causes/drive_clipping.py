@@ -24,7 +24,8 @@ from piezo_rig.chain.increments import Increment, Operation
 from piezo_rig.chain.stage import Parameter, Signal, Stage
 
 NEVER_V = 1000.0  # no piezo amplifier of this kind goes there
-SHARES = (0.003, 0.006, 0.012, 0.02, 0.03, 0.05, 0.08, 0.12, 0.17, 0.24, 0.32)  # cut off
+SHARES = (0.0004, 0.0008, 0.0013, 0.002, 0.003, 0.0045, 0.0065, 0.009, 0.012, 0.02, 0.03, 0.05,
+          0.08, 0.12, 0.17, 0.24, 0.32)  # cut off  # fmt: skip
 
 
 class DriveClipping(Cause):

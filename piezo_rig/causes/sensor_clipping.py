@@ -20,7 +20,8 @@ import numpy as np
 from piezo_rig.causes.cause import Cause, Context, FloatArray
 from piezo_rig.chain.stage import Signal, Stage
 
-SHARES = (0.9995, 0.999, 0.998, 0.996, 0.993, 0.988, 0.98, 0.965)  # of the travel that is seen
+# of the travel that is seen
+SHARES = (0.9998, 0.9995, 0.999, 0.998, 0.9965, 0.9945, 0.992, 0.989, 0.984, 0.977, 0.965)
 
 
 class SensorClipping(Cause):

@@ -23,7 +23,8 @@ from piezo_rig.chain.branches import Branches
 from piezo_rig.chain.increments import Increment, Operation
 from piezo_rig.chain.stage import Signal, Stage
 
-SHARES = (0.9995, 0.9985, 0.9965, 0.99, 0.97, 0.94, 0.9, 0.85, 0.78, 0.7, 0.6, 0.5, 0.4, 0.3)  # of the fastest half loop
+# of the fastest half loop; just below it, where only that one shows
+SHARES = (0.9995, 0.9985, 0.9965, 0.99, 0.97, 0.94, 0.9, 0.85, 0.78, 0.7, 0.6, 0.5, 0.4, 0.3)
 
 
 @cache

@@ -45,6 +45,7 @@ OF_THE_MISFIT = (
 NEARER = 0.9  # held-out error, of that when a cause was refused, below which it is tried again
 NEAR = 1.1  # held-out error of a rival, of the best one's
 LOOSE = 15.0  # log-likelihood that a law must gain by being let go of
+LOST = 0.3  # of the log-likelihood that a linear look at a cause promised
 PROMISED = 0.5  # of that, by a linear look at what is then free, for a refit to be tried
 PLAINLY = 2.0  # and of what any other cause would gain, while there is one
 BEND = Bend.id
@@ -239,18 +240,22 @@ class Search:
         for worth, i, fitted in sorted(self.carrying(tried), key=lambda t: -t[0]):
             id = result.ids[i]
             if worth <= 0.0:
-                self.barred[id] = "once refitted it says no more than the model without it"
+                self.bar(id, here, "once refitted it says no more than the model without it")
                 continue
             doubtful = family[i] > DOUBTFUL
             worse = self.worse(fitted, here, doubtful) or self.of_a_law(fitted, id)
             if worse is not None:
-                self.barred[id], self.refused_at[id] = worse, self.error(0, here)
+                self.bar(id, here, worse)
                 continue
             rivals = tuple(result.ids[j] for w, j, _ in tried if j != i and w > worth - NEEDED)
             self.accept(Step(id, float(family[i]), fitted, rivals))
             prune(self)
             return True
         return bool(close)
+
+    def bar(self, id: str, here: Fitted, why: str) -> None:
+        """Refuse a cause until the model is much nearer than it is now."""
+        self.barred[id], self.refused_at[id] = why, self.error(0, here)
 
     def accept(self, step: Step) -> None:
         """Add a rung; what was refused because the model was far off may be tried again."""
@@ -314,6 +319,17 @@ class Search:
             self.errors[key] = (self.held_out[k][0](fitted), fitted.point)
         return self.errors[key][0]
 
+    def descended(self, point: Point, here: Fitted, promised: float) -> Fitted:
+        """Refitted; by one step only where more of them lose most of what was promised.
+
+        A level that is stepped over leaves nothing to step back by.
+        """
+        fitted = refit(self.space, point, held=True)
+        if fitted.evidence - here.evidence >= LOST * promised:
+            return fitted
+        near = refit(self.space, point, steps=1, held=True)
+        return max(fitted, near, key=lambda f: f.evidence)
+
     def refitted(self, here: Fitted, found: Found, i: int) -> Fitted | None:
         """The model with a cause put in; None where that comes to nothing."""
         candidate = found.candidates[i]
@@ -322,7 +338,8 @@ class Search:
         try:
             settle(self.space, here.point)
             point = extended(self.space, here, candidate, columns, found.likelihood, form)
-            fitted = refit(self.space, point, held=True)
+            fitted = self.descended(point, here, found.likelihood.evidence(columns)
+                                    - found.likelihood.evidence())  # fmt: skip
             if fitted.evidence > here.evidence + LARGE:
                 fitted = further(self.space, fitted, candidate.id)
             fitted = beside_kinks(self.space, fitted, candidate.id)
@@ -331,9 +348,8 @@ class Search:
         if fitted is None or does_nothing(self.space, fitted.point, candidate.id) or (
             needless(fitted, [candidate.id]) is not None
         ):  # fmt: skip
-            self.barred[candidate.id] = (
-                "once refitted it came out at a limit, or no different from nothing"
-            )
+            self.bar(candidate.id, here,
+                     "once refitted it came out at a limit, or no different from nothing")
             return None
         return fitted
 
