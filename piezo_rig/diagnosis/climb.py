@@ -20,6 +20,7 @@ from piezo_rig.chain.bend import Bend
 from piezo_rig.diagnosis.confusion import strengths
 from piezo_rig.diagnosis.fit import Point
 from piezo_rig.diagnosis.forms import beside_kinks, further, reached
+from piezo_rig.diagnosis.ladder import Ladder, Step
 from piezo_rig.diagnosis.likelihood import Likelihood, reduce
 from piezo_rig.diagnosis.needed import does_nothing, needless
 from piezo_rig.diagnosis.refit import Fitted, refit, settle
@@ -50,29 +51,6 @@ PROMISED = 0.5  # of that, by a linear look at what is then free, for a refit to
 PLAINLY = 2.0  # and of what any other cause would gain, while there is one
 BEND = Bend.id
 Tell = Callable[[str], None]
-
-
-@dataclass(frozen=True, eq=False)
-class Step:
-    """One accepted cause, and the model with it; ``rivals`` were refitted to nearly the same."""
-
-    cause: str
-    p_value: float
-    fitted: Fitted
-    rivals: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True, eq=False)
-class Ladder:
-    """Everything that was accepted, in order, and the last look at what is left."""
-
-    first: Fitted
-    steps: tuple[Step, ...]
-    scans: tuple[Scan, ...]
-
-    @property
-    def last(self) -> Fitted:
-        return self.steps[-1].fitted if self.steps else self.first
 
 
 def climb(

@@ -9,11 +9,11 @@ import numpy as np
 from piezo_rig.causes import CAUSES
 from piezo_rig.causes.cause import Cause
 from piezo_rig.chain import Parameter, Stage
-from piezo_rig.diagnosis.climb import Ladder, Step
 from piezo_rig.diagnosis.early import Reading
 from piezo_rig.diagnosis.early.monitor import LAG, SKEW
 from piezo_rig.diagnosis.fit import Point
 from piezo_rig.diagnosis.forms import beside_kinks
+from piezo_rig.diagnosis.ladder import Ladder, Step
 from piezo_rig.diagnosis.likelihood import reduce
 from piezo_rig.diagnosis.refit import Fitted, playable, refit, settle
 from piezo_rig.diagnosis.scan import VISIBLE, context_of

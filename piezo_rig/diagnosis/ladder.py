@@ -1,0 +1,31 @@
+"""What a climb leaves: the rungs that were accepted, in order, and every look on the way."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from piezo_rig.diagnosis.refit import Fitted
+from piezo_rig.diagnosis.scan import Scan
+
+
+@dataclass(frozen=True, eq=False)
+class Step:
+    """One accepted cause, and the model with it; ``rivals`` were refitted to nearly the same."""
+
+    cause: str
+    p_value: float
+    fitted: Fitted
+    rivals: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Ladder:
+    """Everything that was accepted, in order, and the last look at what is left."""
+
+    first: Fitted
+    steps: tuple[Step, ...]
+    scans: tuple[Scan, ...]
+
+    @property
+    def last(self) -> Fitted:
+        return self.steps[-1].fitted if self.steps else self.first
