@@ -14,7 +14,6 @@ from small_bench import recordings
 from piezo_rig.causes import CAUSES, named_model
 from piezo_rig.chain.half_loops import half_loops
 from piezo_rig.diagnosis import engine
-from piezo_rig.diagnosis.climbed import plain_space
 from piezo_rig.diagnosis.confusion import confusion
 from piezo_rig.diagnosis.fit import Point, starting_model
 from piezo_rig.diagnosis.groups import group_tracks
@@ -66,8 +65,9 @@ def found(cause, effect, conditions):
     sweeps = recordings(effect, conditions=conditions)
     groups = group_tracks(prepare(sweeps, first_rises=True, clipped=True), sweeps)
     base = Point(starting_model(groups, named_model("classical"), "classical"))
-    plain = refit(plain_space(groups, base.model), base)
-    space, _ = engine.space_of(groups, engine.repeat_spectrum(groups), plain.point.model)
+    plain = refit(engine.plain_space(groups, base.model), base)
+    whitener, _ = engine.noise_of(groups, plain.point, np.random.default_rng(0))
+    space, _ = engine.space_of(groups, whitener, plain.point.model)
     stage = CAUSES[cause].of(None, **STARTS[cause])
     free = FREE[cause]
     size = (cause, free, 0.05 * STARTS[cause][free])
