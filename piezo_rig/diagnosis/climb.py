@@ -44,6 +44,7 @@ OF_THE_MISFIT = (
     "fits, but predicts data that it has not seen no better, while the model is still far off"
 )
 NEARER = 0.9  # held-out error, of that when a cause was refused, below which it is tried again
+MUCH_NEARER = 0.5  # the same for one that came to nothing
 NEAR = 1.1  # held-out error of a rival, of the best one's
 LOOSE = 15.0  # log-likelihood that a law must gain by being let go of
 LOST = 0.3  # of the log-likelihood that a linear look at a cause promised
@@ -96,7 +97,7 @@ class Search:
     steps: list[Step] = field(default_factory=list)
     scans: list[Scan] = field(default_factory=list)
     barred: dict[str, str] = field(default_factory=dict)
-    refused_at: dict[str, float] = field(default_factory=dict)  # held-out error then
+    refused_at: dict[str, float] = field(default_factory=dict)  # held-out error to try again at
     rearranged: bool = False
     safe: set[str] = field(default_factory=set)  # tables that nothing can stand in for
     errors: dict[tuple[int, int], tuple[float, Point]] = field(default_factory=dict)
@@ -218,12 +219,13 @@ class Search:
         for worth, i, fitted in sorted(self.carrying(tried), key=lambda t: -t[0]):
             id = result.ids[i]
             if worth <= 0.0:
-                self.bar(id, here, "once refitted it says no more than the model without it")
+                why = "once refitted it says no more than the model without it"
+                self.bar(id, here, why, MUCH_NEARER)
                 continue
             doubtful = family[i] > DOUBTFUL
             worse = self.worse(fitted, here, doubtful) or self.of_a_law(fitted, id)
             if worse is not None:
-                self.bar(id, here, worse)
+                self.bar(id, here, worse, NEARER)
                 continue
             rivals = tuple(result.ids[j] for w, j, _ in tried if j != i and w > worth - NEEDED)
             self.accept(Step(id, float(family[i]), fitted, rivals))
@@ -231,9 +233,9 @@ class Search:
             return True
         return bool(close)
 
-    def bar(self, id: str, here: Fitted, why: str) -> None:
-        """Refuse a cause until the model is much nearer than it is now."""
-        self.barred[id], self.refused_at[id] = why, self.error(0, here)
+    def bar(self, id: str, here: Fitted, why: str, nearer: float) -> None:
+        """Refuse a cause until the held-out error is below so much of what it is now."""
+        self.barred[id], self.refused_at[id] = why, nearer * self.error(0, here)
 
     def accept(self, step: Step) -> None:
         """Add a rung; what was refused because the model was far off may be tried again."""
@@ -241,7 +243,7 @@ class Search:
         left = self.error(0, step.fitted)
         self.barred = {
             k: why for k, why in self.barred.items()
-            if why != OF_THE_MISFIT and left > NEARER * self.refused_at.get(k, 0.0)
+            if why != OF_THE_MISFIT and left > self.refused_at.get(k, 0.0)
         }  # fmt: skip
 
     def carrying(self, tried: list[tuple[float, int, Fitted]]) -> list[tuple[float, int, Fitted]]:
@@ -327,7 +329,8 @@ class Search:
             needless(fitted, [candidate.id]) is not None
         ):  # fmt: skip
             self.bar(candidate.id, here,
-                     "once refitted it came out at a limit, or no different from nothing")
+                     "once refitted it came out at a limit, or no different from nothing",
+                     MUCH_NEARER)
             return None
         return fitted
 
