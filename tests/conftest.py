@@ -16,6 +16,14 @@ settings.load_profile("same")  # the same examples every time; `--hypothesis-pro
 CHECKOUT = Path(__file__).resolve().parent.parent
 
 
+LONGEST = "test_diagnosis_of_real_recordings.py"
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """What takes longest comes first, or one of two workers waits for it at the end."""
+    items.sort(key=lambda item: item.path.name != LONGEST)
+
+
 @pytest.fixture(scope="session")
 def shared() -> Path:
     """The reference data beside the checkout; a user's clone does not have it."""
