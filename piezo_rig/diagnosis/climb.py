@@ -47,9 +47,9 @@ NEARER = 0.9  # held-out error, of that when a cause was refused, below which it
 MUCH_NEARER = 0.5  # the same for one that came to nothing
 NEAR = 1.1  # held-out error of a rival, of the best one's
 LOOSE = 15.0  # log-likelihood that a law must gain by being let go of
-LOST = 0.3  # of the log-likelihood that a linear look at a cause promised
-PROMISED = 0.5  # of that, by a linear look at what is then free, for a refit to be tried
 PLAINLY = 2.0  # and of what any other cause would gain, while there is one
+PROMISED = 0.5  # of either, by a linear look at what is then free, for a refit to be tried
+LOST = 0.3  # of what a linear look at a cause promised; a refit that keeps less went too far
 BEND = Bend.id
 Tell = Callable[[str], None]
 

@@ -90,7 +90,7 @@ def last_third(groups: Groups) -> int | None:
 
 
 def noise_of(
-    groups: Groups, point: Point, rng: np.random.Generator, raised: float | None = None
+    groups: Groups, point: Point, rng: np.random.Generator
 ) -> tuple[CellWhitener, bool]:
     """What makes the noise white, and whether repeats show it; else what a generous model leaves.
 
@@ -105,7 +105,7 @@ def noise_of(
         single = repeat_spectrum(groups.whole())
         if single is None:
             single = generous_spectrum(bare_space(groups.whole(FEW)), point, rng)
-    return CellWhitener(averages, single, raised), repeated
+    return CellWhitener(averages, single), repeated
 
 
 def repeat_spectrum(groups: Groups) -> Spectrum | None:

@@ -14,7 +14,7 @@ from scipy import fft
 from scipy.linalg import cholesky, solve_triangular
 
 from piezo_rig.diagnosis.cells import Cells
-from piezo_rig.diagnosis.noise import Spectrum, Whitener
+from piezo_rig.diagnosis.noise import RAISED, Spectrum, Whitener
 
 FloatArray = NDArray[np.float64]
 MARGIN = 8  # cells on either side whose averages are allowed for
@@ -29,15 +29,14 @@ class CellWhitener:
     ----------
     averages : spectrum of one recording at the rate of the cells
     samples : spectrum at full rate; None where no cell is split
-    raised : standard errors by which both are raised; that of `noise` if None
+    raised : standard errors by which both are raised
     """
 
     def __init__(
-        self, averages: Spectrum, samples: Spectrum | None = None, raised: float | None = None
+        self, averages: Spectrum, samples: Spectrum | None = None, raised: float = RAISED
     ) -> None:
-        more = {} if raised is None else {"raised": raised}
-        self.averages = Whitener(averages, **more)
-        self.samples = Whitener(samples, **more) if samples is not None else None
+        self.averages = Whitener(averages, raised)
+        self.samples = Whitener(samples, raised) if samples is not None else None
         self._turns: dict[tuple[int, int, int, int], Turn] = {}
         self._ones: dict[Cells, FloatArray] = {}
 

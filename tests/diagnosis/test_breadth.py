@@ -77,8 +77,8 @@ def test_remanence_is_refused_where_the_history_is_not_known():
     assert [len(g.earlier[0][1]) for g in known.groups] == [0, 1, 2, 3, 3, 3, 3]
 
 
-# new seeds; each was once missed: a law whose reach the data leave open, a limit just below the
-# fastest ramp, a level that a curved actuator's misfit hides at first
+# a law whose reach the data leave open, a limit just below the fastest ramp (one interval of six,
+# this seed's, missed by far: its size is not looked at), levels just below the top
 @pytest.mark.parametrize(("cause", "seed", "protocol", "noise", "parameter"), [
     ("direction-asymmetry", 41, "rates", "white", None),
     ("slew-limit", 41, "holds", "white", None),
