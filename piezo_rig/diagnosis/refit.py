@@ -151,14 +151,20 @@ def _information(
     return columns.T @ solved[:, :-1], columns.T @ solved[:, -1]
 
 
-def refit(space: Space, point: Point, steps: int = STEPS, held: bool = False) -> Fitted:
+def refit(
+    space: Space, point: Point, steps: int = STEPS, held: bool = False, near: Linear | None = None
+) -> Fitted:
     """Gauss-Newton on all free numbers from a start; scales are profiled on the way.
 
-    ``held`` : optional parameters, as a law's reach, stay where they are. What the assumed laws
-    of the model's causes leave open is in the covariance.
+    What the assumed laws of the model's causes leave open is in the covariance.
+
+    Parameters
+    ----------
+    held : optional parameters, as a law's reach, stay where they are
+    near : about a point so near that its tangent serves as well
     """
     settle(space, point)
-    linear = space.linear(point)
+    linear = space.with_residual(space.about(point, near), point) if near else space.linear(point)
     scales = (0.0, 0.0)
     covariance = np.zeros((0, 0))
     q = len(point.sizes)

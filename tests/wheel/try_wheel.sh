@@ -1,6 +1,7 @@
 #!/usr/bin/env bash
 # Builds the wheel, installs it into a fresh environment outside the checkout, and plays a
-# shipped protocol in an empty folder.
+# shipped protocol in an empty folder. Nothing is compiled there yet: were it not compiled before
+# the instruments are asked, they would give up waiting.
 set -euo pipefail
 checkout=$(cd "$(dirname "$0")/../.." && pwd)
 scratch=$(mktemp -d)
