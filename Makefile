@@ -46,14 +46,18 @@ study-identification: $(READY)  ## do the bands of an identification hold? docs/
 
 HIDDEN = $(BIN)/python -m piezo_rig.studies.diagnosis
 ROWS = build/study-diagnosis
-ONE = initiation-stage,range-dependence,creep,rate-dependence,amplifier-lag,time-skew,thermal-drift,mains-hum,periodic-nonlinearity,outliers
+EFFECTS = initiation-stage,range-dependence,extremum-dependence,direction-asymmetry,creep,rate-dependence,cycle-aging,amplifier-lag,slew-limit,drive-clipping,sensor-clipping,time-skew,clock-ratio,thermal-drift,mains-hum,periodic-nonlinearity,outliers,fringe-jump,dropped-samples,remanence
+PLAYED = --protocols matrix,rates,holds --jobs 2
 
-study-diagnosis: $(READY)  ## hidden effects, nulls and strangers, docs/diagnosis.md; 40 minutes
+study-diagnosis: $(READY)  ## hidden effects, pairs, triples, nulls and strangers, docs/diagnosis.md; 90 minutes
 	mkdir -p $(ROWS)
-	$(HIDDEN) run --jobs 2 --kinds null --seeds 0:120 --protocols matrix,rates --noises white,ar,1/f --out $(ROWS)/nulls.jsonl
-	$(HIDDEN) run --jobs 2 --kinds $(ONE) --seeds 0:4 --protocols matrix,rates,holds --noises white,1/f --d-prime 40 --out $(ROWS)/effects.jsonl
-	$(HIDDEN) run --jobs 2 --kinds stranger --seeds 0:20 --protocols matrix --noises white,1/f --d-prime 40 --out $(ROWS)/strangers.jsonl
-	$(HIDDEN) document $(ROWS)/nulls.jsonl $(ROWS)/effects.jsonl $(ROWS)/strangers.jsonl --out docs/diagnosis.md
+	$(HIDDEN) run $(PLAYED) --kinds null --seeds 900:1000 --noises white,ar,1/f --out $(ROWS)/nulls.jsonl
+	$(HIDDEN) run $(PLAYED) --kinds $(EFFECTS) --seeds 900 --noises white,ar,1/f --d-prime 40 --out $(ROWS)/effects.jsonl
+	$(HIDDEN) run $(PLAYED) --kinds drive-gain,sensor-scale --seeds 900:903 --noises white,1/f --d-prime 40 --baseline fixed:classical --out $(ROWS)/fixed.jsonl
+	$(HIDDEN) run $(PLAYED) --kinds pair --seeds 900:908 --noises white,1/f --d-prime 40 --out $(ROWS)/pairs.jsonl
+	$(HIDDEN) run $(PLAYED) --kinds triple --seeds 900:904 --noises white,1/f --d-prime 40 --out $(ROWS)/triples.jsonl
+	$(HIDDEN) run $(PLAYED) --kinds stranger --seeds 900:910 --noises white --d-prime 60 --out $(ROWS)/strangers.jsonl
+	$(HIDDEN) document $(addprefix $(ROWS)/,nulls.jsonl effects.jsonl fixed.jsonl pairs.jsonl triples.jsonl strangers.jsonl) --out docs/diagnosis.md
 
 study-causes: $(READY)  ## which cause is taken for which under which protocol, docs/causes.md
 	$(BIN)/python -m piezo_rig.studies.causes

@@ -22,7 +22,7 @@ from piezo_rig.diagnosis.fit import Point
 from piezo_rig.diagnosis.forms import beside_kinks, further, reached
 from piezo_rig.diagnosis.ladder import Ladder, Step
 from piezo_rig.diagnosis.likelihood import Likelihood, reduce
-from piezo_rig.diagnosis.needed import does_nothing, needless
+from piezo_rig.diagnosis.needed import does_nothing, needless, worth_needed
 from piezo_rig.diagnosis.refit import Fitted, refit, settle
 from piezo_rig.diagnosis.scan import LEVEL, Found, Scan, extended, scan, score_powers
 from piezo_rig.diagnosis.space import Space
@@ -214,7 +214,8 @@ class Search:
             fitted = self.refitted(here, found, int(i))
             if fitted is not None:
                 fitted = reached(self.space, fitted, result.ids[i], here)
-                worth = fitted.evidence - here.evidence - 2.0 * result.null_median[i]
+                chance = 2.0 * result.null_median[i] + worth_needed(fitted, result.ids[i])
+                worth = fitted.evidence - here.evidence - chance
                 tried.append((worth, int(i), fitted))
         for worth, i, fitted in sorted(self.carrying(tried), key=lambda t: -t[0]):
             id = result.ids[i]

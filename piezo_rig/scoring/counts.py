@@ -116,10 +116,11 @@ def _counted(names: Iterable[str]) -> list[str]:
 
 
 def several_table(rows: Sequence[Row]) -> str:
+    """Several effects at once; each is plain off the others, so an oracle names just those."""
     if not rows:
         return ""
     body = []
-    for asked, group in _by(rows, lambda r: r["d_prime"]):
+    for (count, asked), group in _by(rows, lambda r: (len(r["truth"]["causes"]), r["d_prime"])):
         hit = missed = extra = 0
         for r in group:
             left = set(r["truth"]["causes"])
@@ -132,8 +133,15 @@ def several_table(rows: Sequence[Row]) -> str:
                     hit += 1
             missed += len(left)
         f1 = 2 * hit / max(2 * hit + missed + extra, 1)
-        body.append((f"{asked:g}", len(group), hit, missed, extra, number(f1, 3)))
-    return table(("pairs, d'", "n", "found", "missed", "extra", "F1"), body)
+        reported = [set().union(*(named(f) for f in r["findings"])) for r in group]
+        body.append((
+            count, f"{asked:g}", len(group), hit, missed, extra, number(f1, 3),
+            sum(len(r["findings"]) <= count for r in group),
+            sum(len(s) <= count for s in reported), called_unexplained(group),
+        ))  # fmt: skip
+    head = ("effects at once", "d'", "n", "found", "missed", "extra", "F1", "no more than hidden",
+            "nor alternatives", "unexplained")  # fmt: skip
+    return table(head, body)
 
 
 def stranger_table(rows: Sequence[Row]) -> str:

@@ -12,8 +12,8 @@ from piezo_rig.scoring.oracle import Oracle, base_columns
 from piezo_rig.studies import diagnosis, diagnosis_case
 from piezo_rig.studies.hidden import PROTOCOLS, draw, kernels
 from piezo_rig.studies.hidden.body import Body, Law, random_body
-from piezo_rig.studies.hidden.case import locked
 from piezo_rig.studies.hidden.effects import EFFECTS, Creep
+from piezo_rig.studies.hidden.locked import locked
 from piezo_rig.studies.hidden.noise import noise_of
 from piezo_rig.studies.hidden.protocols import Condition
 
@@ -155,6 +155,28 @@ def test_strangers_and_pairs_are_drawn_and_the_same_seed_gives_the_same_case():
         draw("witchcraft", 1)
 
 
+@pytest.mark.parametrize("kind", ["creep+rate-dependence", "time-skew+creep+rate-dependence"])
+def test_of_several_effects_each_is_as_plain_as_asked_off_the_others(kind):
+    case = draw(kind, 2, "rates", "white", d_prime=40.0)
+    assert case.truth.reached
+    assert len(case.truth.causes) == 1 + kind.count("+")
+    base, rows = [], []
+    for k, c in enumerate(case.conditions):
+        offsets = np.zeros((c.drive_v.size, len(case.conditions)))
+        offsets[:, k] = 1.0
+        span = max(d.drive_v.max() for d in case.conditions)
+        base.append(np.hstack([base_columns(c.drive_v, span), offsets]))
+        bare = locked(case.body, (), c.time_s, c.drive_v)
+        rows.append([locked(case.body, (e,), c.time_s, c.drive_v) - bare for e in case.effects])
+    known, changes = np.vstack(base), np.concatenate(rows, axis=1)
+    sigma = 1e-3 * case.noise.rms_nm / np.sqrt(case.repeats)
+    for j, own in enumerate(changes):
+        rest = np.column_stack([known, *np.delete(changes, j, axis=0)])
+        rest /= np.linalg.norm(rest, axis=0)
+        left = own - rest @ np.linalg.lstsq(rest, own, rcond=1e-9)[0]
+        assert np.linalg.norm(left) / sigma > 0.97 * 40.0
+
+
 def test_who_knows_the_effect_predicts_a_drive_that_was_never_measured():
     case = draw("creep", 1, "minor_loops", "white", d_prime=100.0)
     unseen = case.unseen()
@@ -188,12 +210,13 @@ def test_the_summary_counts_alarms_names_and_intervals():
         _row("creep", [("outliers", [])]),
         _row("stranger:stick", [], unexplained={"detected": True}),
         _row("creep+mains-hum", [("mains-hum", []), ("creep", [])]),
+        _row("creep+mains-hum", [("mains-hum", []), ("time-skew", ["amplifier-lag"])]),
     ]
     said = diagnosis.summary(rows)
     assert "| matrix, white | 2 | 1 | 0 | creep |" in said
     assert "| creep A | 40 | 3 | 3 | 2 | 1 | 2 | 1 | 0 | outliers 1 |" in said
     assert "| stranger:stick | 40 | 1 | 1 | 0 |" in said
-    assert "| 40 | 1 | 2 | 0 | 0 | 1.000 |" in said
+    assert "| 2 | 40 | 2 | 3 | 1 | 1 | 0.750 | 2 | 1 | 0 |" in said
     assert "| creep rate_per_decade | 2 | 100 |" in said
 
 

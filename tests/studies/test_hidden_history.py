@@ -7,8 +7,8 @@ import pytest
 
 from piezo_rig.studies.hidden import draw
 from piezo_rig.studies.hidden.body import Body
-from piezo_rig.studies.hidden.case import locked
 from piezo_rig.studies.hidden.history import CycleAging, Remanence, half_cycles
+from piezo_rig.studies.hidden.locked import locked
 
 UP = np.linspace(0.0, 60.0, 61)
 THREE = np.concatenate([[0.0], np.tile(np.concatenate([UP[1:], UP[-2::-1]]), 3)])

@@ -11,19 +11,22 @@ from numpy.typing import NDArray
 
 from piezo_rig.run_file.sweep import Sweep
 from piezo_rig.scoring.noise import Noise
-from piezo_rig.scoring.oracle import Oracle, base_columns, size_for
+from piezo_rig.scoring.oracle import Oracle, base_columns
 from piezo_rig.studies.hidden.body import Body, random_body
 from piezo_rig.studies.hidden.calibration import CALIBRATION
 from piezo_rig.studies.hidden.effects import EFFECTS, Effect
 from piezo_rig.studies.hidden.events import EVENTS
 from piezo_rig.studies.hidden.history import HISTORY
+from piezo_rig.studies.hidden.locked import locked
 from piezo_rig.studies.hidden.noise import noise_of
 from piezo_rig.studies.hidden.protocols import Condition, conditions_of, unseen_drive
 from piezo_rig.studies.hidden.session import Session
+from piezo_rig.studies.hidden.sizing import sized
 from piezo_rig.studies.hidden.strangers import STRANGERS
 
 FloatArray = NDArray[np.float64]
-KINDS = ("null", *EFFECTS, *HISTORY, *CALIBRATION, *EVENTS, "stranger", *STRANGERS, "pair")
+SEVERAL = {"pair": 2, "triple": 3}  # any so many effects at once
+KINDS = ("null", *EFFECTS, *HISTORY, *CALIBRATION, *EVENTS, "stranger", *STRANGERS, *SEVERAL)
 SENSITIVITY = 15.48
 
 
@@ -33,10 +36,10 @@ class Truth:
 
     Attributes
     ----------
-    cause : its id, ``none``, ``stranger:NAME``, or two ids joined by ``+``
+    cause : its id, ``none``, ``stranger:NAME``, or ids joined by ``+``
     causes : the same one by one, empty for ``none``
     parameters : cause -> name -> value in the catalogue's units; only what the form defines
-    d_prime : of each cause by itself, by the oracle
+    d_prime : of each cause off the others, by the oracle
     sizes : what scales each, in the unit of its class
     form : of each, and the body
     reached : the d' that was asked for lies within what is plausible
@@ -137,28 +140,6 @@ class Case:
         return np.random.default_rng([self.seed, 6])
 
 
-def locked(
-    body: Body, effects: tuple[Effect, ...], time: FloatArray, drive: FloatArray
-) -> FloatArray:
-    """Displacement (n,) with everything that is locked to the drive; not zeroed."""
-    v = drive
-    for e in effects:
-        v = e.on_drive(time, v)
-    base = body.displacement(v)
-    x = base
-    for e in effects:
-        other = e.on_body(body, time, v, base)
-        if other is not None:
-            x = x + (other - base)
-    for e in effects:
-        x = e.on_actuator(time, v, x)
-    for e in effects:
-        x = e.on_sensor(time, v, x)
-    for e in effects:
-        x = e.on_record(time, x)
-    return x
-
-
 def _session(case: Case, rng: np.random.Generator) -> Session:
     return Session.of(case.conditions, case.repeats, case.effects, rng)
 
@@ -190,11 +171,12 @@ def _chosen(kind: str, rng: np.random.Generator) -> list[type[Effect]]:
         return []
     if kind == "stranger":
         return [STRANGERS[str(rng.choice(list(STRANGERS)))]]
-    if kind == "pair":
+    if kind in SEVERAL:
         while True:
-            a, b = (EFFECTS[str(n)] for n in rng.choice(list(EFFECTS), 2, replace=False))
-            if not a.places or a.places != b.places:
-                return [a, b]
+            chosen = [EFFECTS[str(n)] for n in rng.choice(list(EFFECTS), SEVERAL[kind], False)]
+            places = [k.places for k in chosen if k.places]
+            if len(places) == len(set(places)):
+                return chosen
     names = kind.removeprefix("pair:").split("+")
     unknown = [n for n in names if n not in every]
     if unknown:
@@ -215,11 +197,11 @@ def draw(
 
     Parameters
     ----------
-    kind : ``null``, a cause id, ``stranger`` (any) or ``stranger:NAME``, ``pair`` (any two) or
-        ``creep+mains-hum``
+    kind : ``null``, a cause id, ``stranger`` (any) or ``stranger:NAME``, ``pair`` or ``triple``
+        (any two or three effects), or ``creep+mains-hum``
     seed : the same arguments give the same case
     protocol, noise : of `PROTOCOLS`, of `NOISES`
-    d_prime : of each effect by itself; ``truth.reached`` says whether that was plausible.
+    d_prime : of each effect, off the others; ``truth.reached`` says whether that was plausible.
         Spikes are never smaller than 30 nm: their d' may be larger
     form : one of the effect's forms; drawn if not given
 
@@ -233,35 +215,12 @@ def draw(
     body = random_body(rng, first_element=any(k.first_element for k in kinds))
     conditions = tuple(conditions_of(protocol, rng, repeats))
     sound = noise_of(noise, conditions[0].rate)
-    effects = []
+    planned: list[Effect] = []
     for k in kinds:
         drawn = str(rng.choice(list(k.forms)))
         effect = k.drawn(rng, form if form in k.forms else drawn)
-        effects.append(effect.placed(body, [c.drive_v for c in conditions] * repeats))
-    sizes, reached = [], []
-    if effects:
-        oracle = Oracle.of([c.drive_v for c in conditions], sound, repeats)
-        bare = [locked(body, (), c.time_s, c.drive_v) for c in conditions]
-    for e in effects:
-
-        def visible(size: float, e: Effect = e) -> float:
-            sized = (e.sized(size),)
-            session = Session.of(conditions, repeats, sized, np.random.default_rng([whole, 6]))
-            if e.clock_locked:
-                return oracle.d_prime(
-                    [session.added(k, conditions[k % len(conditions)], bare[k % len(conditions)])
-                     for k in range(len(session.starts_s))]
-                )  # fmt: skip
-            moved = [locked(body, sized, c.time_s, c.drive_v) - x
-                     for c, x in zip(conditions, bare, strict=True)]  # fmt: skip
-            return oracle.d_prime(moved)
-
-        size, here = size_for(d_prime, visible, e.start, e.most)
-        if size < e.least:
-            size, here = e.least, visible(e.least)
-        sizes.append(size)
-        reached.append(here)
-    effects = [e.sized(s) for e, s in zip(effects, sizes, strict=True)]
+        planned.append(effect.placed(body, [c.drive_v for c in conditions] * repeats))
+    effects, reached = sized(planned, d_prime, body, conditions, sound, repeats, whole)
     seconds = repeats * sum(c.drive_v.size / c.rate for c in conditions)
     causes = tuple(e.cause for e in effects)
     truth = Truth(
@@ -269,7 +228,7 @@ def draw(
         causes=causes,
         parameters={e.cause: e.parameters(body, seconds) for e in effects},
         d_prime=tuple(reached),
-        sizes=tuple(sizes),
+        sizes=tuple(e.size for e in effects),
         form=", ".join([*(e.form for e in effects), body.kind]),
         reached=all(d > 0.98 * d_prime for d in reached),
     )
