@@ -18,6 +18,10 @@ nothing else, at most 50,000 samples a case, two repeats.
 *d'* is the oracle's: the length of the effect in the space whitened by the true noise, after 50
 play operators, drive powers and offsets have been projected off. At d' = 40 an oracle that knows
 the true form misses nothing; what it would call wrong is what the confusion in the data makes it.
+Of several effects at once it is what is left of each once the others are projected off, so that
+the oracle would name all of them and nothing else: "no more than hidden" counts the cases with as
+many findings or fewer, "nor alternatives" those whose findings and alternatives together are no
+more.
 Form A of an effect is the catalogue's own law, with parameters that can be compared; form B is
 other physics under the same name (three relaxations for creep, rate-dependent thresholds, smooth
 laws after a turning point, an exponential warm-up). "In set" counts the cause or its listed
@@ -26,9 +30,12 @@ gain on an unseen drive is that of the saved model over the baseline, as a share
 to somebody who knew the effect.
 
 """
+BY_HAND = "## What it still gets wrong\n"
 
 
 def write(rows: Sequence[Row], out: Path) -> None:
-    """The document of rows of the study."""
+    """The document of rows of the study; what stands by hand at its end is kept."""
+    _, heading, rest = (out.read_text(encoding="utf-8") if out.exists() else "").partition(BY_HAND)
     text = HEAD + summary(rows) + "\n\n## First findings\n\n" + matrix(rows) + "\n"
+    text += "\n" + heading + rest if heading else ""
     out.write_text(text, encoding="utf-8", newline="\n")

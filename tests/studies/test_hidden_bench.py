@@ -10,6 +10,7 @@ import pytest
 
 from piezo_rig.scoring.oracle import Oracle, base_columns
 from piezo_rig.studies import diagnosis, diagnosis_case
+from piezo_rig.studies.diagnosis_document import write
 from piezo_rig.studies.hidden import PROTOCOLS, draw, kernels
 from piezo_rig.studies.hidden.body import Body, Law, random_body
 from piezo_rig.studies.hidden.effects import EFFECTS, Creep
@@ -263,3 +264,12 @@ def test_gains_are_checked_on_a_second_session_and_an_unseen_drive(monkeypatch):
     assert said["unseen"]["before_nm"] == pytest.approx(said["unseen"]["effect_nm"])
     assert said["unseen"]["after_nm"] == pytest.approx(0.0, abs=1e-6)
     assert said["unseen"]["possible_nm"] == pytest.approx(0.0, abs=1e-6)
+
+
+def test_what_stands_by_hand_in_the_document_is_kept(tmp_path):
+    page, by_hand = tmp_path / "diagnosis.md", "\n## What it still gets wrong\n\nMuch.\n"
+    write([_row("none", [])], page)
+    page.write_text(page.read_text() + by_hand)
+    write([_row("none", [("creep", [])])], page)
+    assert page.read_text().endswith(by_hand)
+    assert "| matrix, white | 1 | 1 | 0 | creep |" in page.read_text()
