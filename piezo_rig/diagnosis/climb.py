@@ -18,13 +18,14 @@ from piezo_rig.causes import CAUSES
 from piezo_rig.causes.cause import Cause
 from piezo_rig.chain.bend import Bend
 from piezo_rig.diagnosis.confusion import strengths
+from piezo_rig.diagnosis.detours import detour, together
 from piezo_rig.diagnosis.fit import Point
 from piezo_rig.diagnosis.forms import beside_kinks, further, reached
 from piezo_rig.diagnosis.ladder import Ladder, Step
 from piezo_rig.diagnosis.likelihood import Likelihood, reduce
 from piezo_rig.diagnosis.needed import does_nothing, needless, worth_needed
 from piezo_rig.diagnosis.refit import Fitted, refit, settle
-from piezo_rig.diagnosis.scan import LEVEL, Found, Scan, extended, scan, score_powers
+from piezo_rig.diagnosis.scan import LATER, LEVEL, Found, Scan, extended, scan, score_powers
 from piezo_rig.diagnosis.space import Space
 from piezo_rig.diagnosis.spare import NEEDED, clear, faint, less_point, prune, stood_in
 from piezo_rig.errors import InputError
@@ -32,12 +33,10 @@ from piezo_rig.errors import InputError
 FloatArray = NDArray[np.float64]
 MOST = 8  # findings
 DOUBTFUL = 1e-6  # chance of a false alarm above which a cause must predict unseen data better
-LATER = 0.002  # chance of a false alarm for each finding after the first: there are several looks
 CLOSE, RUN_OFF = 0.4, 3  # share of the best score, and how many are refitted to compare
 LARGE = 300.0  # log-likelihood above which the linear start is not trusted
 OFF = 2.0  # an effect must be so many times what a law may be off by
-ROUNDS, DETOURS, FEW = 2, 2, 3
-RIVAL = 0.4  # score of a rival, of the member's own
+ROUNDS, FEW = 2, 3
 FAR_OFF, HELPS = 2.0, 0.97  # so many times the noise; held-out error after a step, of that before
 MUCH = 0.8  # the same where a model is held fixed and lacks what the actuator has
 OF_THE_MISFIT = (
@@ -79,7 +78,7 @@ def climb(
     search.forward()
     clear(search)
     for _ in range(ROUNDS):
-        if not (search.few or search.left_over()) or not search.detour():
+        if not (search.few or search.left_over()) or not detour(search):
             break
     faint(search)
     return Ladder(search.first, tuple(search.rungs()), tuple(search.scans))
@@ -99,6 +98,7 @@ class Search:
     barred: dict[str, str] = field(default_factory=dict)
     refused_at: dict[str, float] = field(default_factory=dict)  # held-out error to try again at
     rearranged: bool = False
+    spoiled: dict[str, Step] = field(default_factory=dict)  # refused for their held-out error
     safe: set[str] = field(default_factory=set)  # tables that nothing can stand in for
     errors: dict[tuple[int, int], tuple[float, Point]] = field(default_factory=dict)
 
@@ -132,13 +132,13 @@ class Search:
             self.scans.append(result)
             family = self.family(result)
             level = LATER if self.causes else LEVEL
-            good = np.flatnonzero(family < level) if family.size else np.empty(0, int)
+            good = np.flatnonzero(family < level)
             best = float(result.ratio[good].max()) if good.size else 0.0
             if self.bend(here, best) or (good.size and self.loosen(here, PLAINLY * best)):
                 continue
             if good.size and self.take(here, found, good, family):
                 continue
-            if not (self.left_over() and self.loosen(here, 0.0)):
+            if not self.left_over() or not (self.loosen(here, 0.0) or together(self, here)):
                 return
 
     def family(self, result: Scan) -> FloatArray:
@@ -226,6 +226,7 @@ class Search:
             doubtful = family[i] > DOUBTFUL
             worse = self.worse(fitted, here, doubtful) or self.of_a_law(fitted, id)
             if worse is not None:
+                self.spoiled[id] = Step(id, float(family[i]), fitted)
                 self.bar(id, here, worse, NEARER)
                 continue
             rivals = tuple(result.ids[j] for w, j, _ in tried if j != i and w > worth - NEEDED)
@@ -241,6 +242,7 @@ class Search:
     def accept(self, step: Step) -> None:
         """Add a rung; what was refused because the model was far off may be tried again."""
         self.steps.append(step)
+        self.spoiled = {}
         left = self.error(0, step.fitted)
         self.barred = {
             k: why for k, why in self.barred.items()
@@ -341,48 +343,6 @@ class Search:
         self.steps = [s for s in self.steps if s.cause != id]
         self.steps[-1] = replace(self.steps[-1], fitted=less)
         self.rearranged = True
-
-    def detour(self) -> bool:
-        """Climb once more without a member; True where that led somewhere better.
-
-        One cause may stand in for two others, neither of which improves on it alone. Members that
-        are worth least are tried first, and only where a rival comes near them.
-        """
-        if len(self.causes) < 2:
-            return False
-        full, without = self.fitted, []
-        for member in self.causes:
-            self.tell(f"refit without {member}")
-            without.append((member, refit(self.space, less_point(full.point, member), held=True)))
-        taken = 0
-        for member, less in sorted(without, key=lambda m: -m[1].evidence):
-            if taken == DETOURS:
-                break
-            settle(self.space, less.point)
-            found = scan(self.space, less, self.rng, {}).result
-            if member not in found.ids:
-                continue
-            own = float(found.excess[found.ids.index(member)])
-            rivals = [x for id, x in zip(found.ids, found.excess, strict=True) if id != member]
-            if not rivals or max(rivals) < RIVAL * own:
-                continue
-            taken += 1
-            self.tell(f"detour around {member}")
-            other = replace(
-                self,
-                steps=[replace(s, fitted=less) for s in self.steps if s.cause != member],
-                scans=[], barred={member: "tried without"}, refused_at={}, rearranged=True,
-            )  # fmt: skip
-            other.forward()
-            more = len(other.causes) - len(self.causes)
-            if other.fitted.evidence < full.evidence + NEEDED * (1 + max(more, 0)):
-                continue
-            if other.worse(other.fitted, full) is not None:
-                continue
-            self.steps, self.barred, self.rearranged = other.steps, other.barred, True
-            self.scans += other.scans
-            return True
-        return False
 
     def rungs(self) -> list[Step]:
         """The steps, each fitted with those before it; made anew where members have changed."""

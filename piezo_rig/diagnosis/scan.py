@@ -19,6 +19,7 @@ from piezo_rig.diagnosis.space import Space
 
 FloatArray = NDArray[np.float64]
 LEVEL = 0.005  # family-wise chance of a false alarm; at 0.01, 4 or 5 of 270 nulls raised one
+LATER = 0.002  # for each finding after the first: there are several looks
 FINER = np.linspace(-6.0, 6.0, 13)  # steps over the parameter that a cause wants scanned
 VISIBLE = 3.0  # d' that the largest plausible size must reach, or the cause is not looked for
 

@@ -1,0 +1,89 @@
+"""Other ways up: around a member that others could stand in for, and two causes at once."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from piezo_rig.diagnosis.refit import Fitted, refit, settle
+from piezo_rig.diagnosis.scan import LATER, scan
+from piezo_rig.diagnosis.spare import NEEDED, less_point
+
+if TYPE_CHECKING:
+    from piezo_rig.diagnosis.climb import Search
+
+DETOURS = 2  # at most, from one ladder
+RIVAL = 0.4  # score of a rival, of the member's own
+
+
+def detour(search: Search) -> bool:
+    """Climb once more without a member; True where that led somewhere better.
+
+    One cause may stand in for two others, neither of which improves on it alone. Members that
+    are worth least are tried first, and only where a rival comes near them.
+    """
+    if len(search.causes) < 2:
+        return False
+    full, without = search.fitted, []
+    for member in search.causes:
+        search.tell(f"refit without {member}")
+        less = refit(search.space, less_point(full.point, member), held=True)
+        without.append((member, less))
+    taken = 0
+    for member, less in sorted(without, key=lambda m: -m[1].evidence):
+        if taken == DETOURS:
+            break
+        settle(search.space, less.point)
+        found = scan(search.space, less, search.rng, {}).result
+        if member not in found.ids:
+            continue
+        own = float(found.excess[found.ids.index(member)])
+        rivals = [x for id, x in zip(found.ids, found.excess, strict=True) if id != member]
+        if not rivals or max(rivals) < RIVAL * own:
+            continue
+        taken += 1
+        search.tell(f"detour around {member}")
+        other = replace(
+            search,
+            steps=[replace(s, fitted=less) for s in search.steps if s.cause != member],
+            scans=[], barred={member: "tried without"}, refused_at={}, spoiled={}, rearranged=True,
+        )  # fmt: skip
+        other.forward()
+        more = len(other.causes) - len(search.causes)
+        if other.fitted.evidence < full.evidence + NEEDED * (1 + max(more, 0)):
+            continue
+        if other.worse(other.fitted, full) is not None:
+            continue
+        search.steps, search.barred, search.rearranged = other.steps, other.barred, True
+        search.scans += other.scans
+        return True
+    return False
+
+
+def together(search: Search, here: Fitted) -> bool:
+    """Take two causes at once, each of which spoils the other's fit, if nothing is then left.
+
+    The likeliest that was refused for its held-out error is put in, and what then fits best.
+    """
+    if not search.spoiled:
+        return False
+    first = max(search.spoiled.values(), key=lambda s: s.fitted.evidence)
+    search.spoiled = {}
+    search.tell(f"with {first.cause} and one more")
+    other = replace(
+        search, steps=[*search.steps, first], scans=[], barred={}, refused_at={}, spoiled={}
+    )
+    settle(search.space, first.fitted.point)
+    found = scan(search.space, first.fitted, search.rng)
+    family = search.family(found.result)
+    good = np.flatnonzero(family < LATER)
+    if not good.size or not other.take(first.fitted, found, good, family):
+        return False
+    if len(other.causes) != len(search.causes) + 2 or other.left_over() or (
+        other.worse(other.fitted, here) is not None
+    ):  # fmt: skip
+        return False
+    search.steps, search.barred, search.rearranged = other.steps, other.barred, other.rearranged
+    return True
