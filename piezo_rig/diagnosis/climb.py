@@ -98,6 +98,7 @@ class Search:
     barred: dict[str, str] = field(default_factory=dict)
     refused_at: dict[str, float] = field(default_factory=dict)  # held-out error to try again at
     rearranged: bool = False
+    aside: bool = False  # whether it climbs around a member
     spoiled: dict[str, Step] = field(default_factory=dict)  # refused for their held-out error
     safe: set[str] = field(default_factory=set)  # tables that nothing can stand in for
     errors: dict[tuple[int, int], tuple[float, Point]] = field(default_factory=dict)

@@ -49,6 +49,7 @@ def detour(search: Search) -> bool:
             search,
             steps=[replace(s, fitted=less) for s in search.steps if s.cause != member],
             scans=[], barred={member: "tried without"}, refused_at={}, spoiled={}, rearranged=True,
+            aside=True,
         )  # fmt: skip
         other.forward()
         more = len(other.causes) - len(search.causes)
@@ -67,7 +68,7 @@ def together(search: Search, here: Fitted) -> bool:
 
     The likeliest that was refused for its held-out error is put in, and what then fits best.
     """
-    if not search.spoiled:
+    if search.aside or not search.spoiled:
         return False
     first = max(search.spoiled.values(), key=lambda s: s.fitted.evidence)
     search.spoiled = {}
