@@ -135,7 +135,7 @@ class Search:
             level = LATER if self.causes else LEVEL
             good = np.flatnonzero(family < level)
             best = float(result.ratio[good].max()) if good.size else 0.0
-            if self.bend(here, best) or (good.size and self.loosen(here, PLAINLY * best)):
+            if self.bend(here, found, good) or (good.size and self.loosen(here, PLAINLY * best)):
                 continue
             if good.size and self.take(here, found, good, family):
                 continue
@@ -146,13 +146,14 @@ class Search:
         tried = len(result.ids)
         return np.minimum(result.p_family * (tried + self.others) / max(tried, 1), 1.0)
 
-    def bend(self, here: Fitted, best: float) -> bool:
+    def bend(self, here: Fitted, found: Found, good: NDArray[np.int64]) -> bool:
         """Take a memoryless bend into the base where it says more than any cause does."""
         model = here.point.model
         if model.stage(BEND) is not None or (here.point.fixed and self.space.loose):
             return False
         ratio, p = score_powers(self.space, here, self.rng)
-        if p > LEVEL or ratio <= best:
+        best = max(good, key=lambda i: found.result.ratio[i], default=None)
+        if p > LEVEL or (best is not None and ratio <= found.result.ratio[best]):
             return False
         if here.point.fixed:  # a given model cannot be bent: it is allowed to be wrong by that
             self.tell("baseline, allowed a bend")
@@ -165,6 +166,10 @@ class Search:
         fitted = refit(self.space, Point(bent, (), here.point.sizes), held=True)
         if self.worse(fitted, here) is not None:
             return False
+        if best is not None and found.result.ratio[best] > LARGE:
+            rival = self.refitted(here, found, int(best))  # a flat top is bent, at a first look
+            if rival is not None and rival.evidence > fitted.evidence:
+                return False
         self.accept(Step(BEND, p, fitted))
         return True
 
