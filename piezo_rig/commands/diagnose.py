@@ -121,7 +121,7 @@ def _together(args: argparse.Namespace) -> int:
 
         model = found.model.with_(provenance={
             "runs": runs, "held_out": found.held_out, "scheme": "diagnosis",
-            "software": f"piezo-rig {__version__}",
+            "rms_nm": round(found.rungs[-1].rms_nm, 4), "software": f"piezo-rig {__version__}",
         })  # fmt: skip
         print(f"model: {save_model(model, outputs['save_model'])}")
     more = f" and {len(args.data) - 1} more" if len(args.data) > 1 else ""

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from piezo_rig.chain import Model
 from piezo_rig.diagnosis import engine
 from piezo_rig.diagnosis.climb import climb
 from piezo_rig.diagnosis.early import Reading, noise_floor_nm
@@ -56,6 +57,12 @@ class Climbed:
         return self._known[key][1]
 
 
+def _own_um(model: Model) -> float:
+    """How far off a given model was where it was identified; unbounded where it does not say."""
+    own = model.provenance.get("rms_nm")
+    return 1e-3 * float(own) if isinstance(own, int | float) and own > 0 else np.inf
+
+
 def climbed(
     clean: Groups, start: Point, rng: np.random.Generator, tell: Callable[[str], None], others: int,
     reading: Reading | None = None,
@@ -70,6 +77,8 @@ def climbed(
     tell("noise")
     whitener, repeated = engine.noise_of(clean, start, rng)
     space, folds = engine.space_of(clean, whitener, start.model)
+    if start.fixed:
+        space.own_um = _own_um(start.model)
     first = refit(space, start)
     floor = noise_floor_nm(clean)
     out = Climbed(space, folds, reported_kind(clean, folds), floor, repeated, first)

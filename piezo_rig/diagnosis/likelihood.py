@@ -101,6 +101,7 @@ class Reduced:
     z : shape (m,), the residual
     extra : scalar, squared length of the residual outside of the basis
     unit_fine, unit_generic : variance at which the set explains as much as the noise, on average
+    most : variances of both that are not exceeded
     covariance : of the residual; the same object for every residual of the same columns
     """
 
@@ -112,6 +113,7 @@ class Reduced:
     extra: float
     unit_fine: float
     unit_generic: float
+    most: tuple[float, float]
     covariance: Covariance
 
 
@@ -191,6 +193,7 @@ def _axes(linear: Linear, gram: FloatArray, free: Sequence[int]) -> Axes:
     return Axes(base, rest, off, cross, axes, Reduced(
         fine, generic, coordinates[:, f + u :], law, np.zeros(0), 0.0,
         _unit(columns[:f, :f], root.size), _unit(columns[f : f + u, f : f + u], root.size),
+        linear.most,
         Covariance(fine, generic, law),
     ))  # fmt: skip
 
@@ -252,7 +255,11 @@ class Likelihood:
 
     def _scales(self, cell: Cell) -> tuple[float, float]:
         units = self.reduced.unit_fine, self.reduced.unit_generic
-        return float(GRID[cell[0]] * units[0]), float(GRID[cell[1]] * units[1])
+        fine, generic = (
+            float(min(GRID[k] * unit, most))
+            for k, unit, most in zip(cell, units, self.reduced.most, strict=True)
+        )
+        return fine, generic
 
     def _seen(self, i: int, y: FloatArray) -> list[Seen]:
         """Data (m, k) and all trials at a scale of the fine thresholds and each of the dictionary.

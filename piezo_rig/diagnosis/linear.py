@@ -103,6 +103,7 @@ class Linear:
     count : shape (k,), recordings x thinned samples
     law : shape (generic,), variance of each dictionary column that the freedom of the accepted
         causes' assumed laws gives it, um^2
+    most : variances of fine thresholds and of the dictionary that are not exceeded
     made_for : which columns of the space they are about
     rows : per piece the whitened and the unwhitened base columns, for another residual
     axes : of `likelihood.reduce`, which do not depend on the residual
@@ -116,6 +117,7 @@ class Linear:
     law: FloatArray
     rows: tuple[Rows, ...] = ()
     made_for: Key = ()
+    most: tuple[float, float] = (np.inf, np.inf)
     axes: dict[Key, Any] = field(default_factory=dict)
 
 

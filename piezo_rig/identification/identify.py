@@ -125,6 +125,7 @@ def identify(
     held = held_out_scores(data, fit.curves, normal, fit.folds, floor, fit.prior)
     tell("done", 1.0)
     fitted = scores(data, built.branches())
+    built = _off_by(built, held or fitted)
     notes = [*data.left_out, *fit.notes, *_unexplained(data, fitted)]
     return Identification(
         built, scheme, fitted, held, fit.folds.kind, band, None, notes
@@ -151,7 +152,7 @@ def _by_slopes(
     if folds.kind in ("condition", "sweep"):
         held = _slopes_held_out(data, folds, name, one_curve, laws, n)
     return Identification(
-        built,
+        _off_by(built, held or fitted),
         "slopes",
         fitted,
         held,
@@ -160,6 +161,11 @@ def _by_slopes(
         outcome,
         [*data.left_out, *outcome.notes, *worse],
     )
+
+
+def _off_by(model: Model, scores: Scores) -> Model:
+    """The model, with how far off it is: what it is held to when later data are held against it."""
+    return model.with_(provenance=model.provenance | {"rms_nm": round(scores.rms_nm, 4)})
 
 
 def _worse_with_laws(
