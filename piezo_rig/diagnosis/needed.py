@@ -12,6 +12,7 @@ from piezo_rig.diagnosis.space import Space
 
 CHANCE = 0.3  # log-likelihood that every element of a table gains
 SEEN = 2.0  # d' in white noise, with nothing else to explain it, below which nothing is seen
+OWN = 0.1  # of what a given model was off by itself, noise and all: no more is no news
 DIFFERENT = 1e-4  # a member must differ from nothing at this level
 
 
@@ -72,4 +73,6 @@ def does_nothing(space: Space, point: Point, id: str) -> bool:
         return False
     samples = sum(g.repeats * (b - a) for g in space.groups.groups for a, b in g.blocks)
     change = 1e3 * changed_um(space, less, point.model)
+    if np.isfinite(space.own_um) and change < OWN * 1e3 * space.own_um:
+        return True
     return bool(change * np.sqrt(samples / space.groups.factor) < SEEN * space.noise_nm)

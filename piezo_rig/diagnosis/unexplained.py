@@ -57,7 +57,7 @@ def unexplained(
     rms = 1e3 * float(np.sqrt(max(float(generic @ generic_gram @ generic), 0.0) / samples))
     mismatch = 1e3 * float(np.sqrt(max(float(fine @ fine_gram @ fine), 0.0) / samples))
     allowance = float(np.linalg.norm([
-        max(mismatch, 0.02 * noise_nm), 3e-6 * 1e3 * space.groups.travel_um,
+        max(mismatch, 0.02 * noise_nm, _known_nm(space, noise_nm)), 3e-6 * 1e3 * space.groups.travel_um,
         OF_LAWS * explained_nm,
     ]))  # fmt: skip
     detected = bool(p < LEVEL and rms > allowance)
@@ -78,6 +78,12 @@ def unexplained(
     text = (f"{rms:.2g} nm rms that no known cause explains; it goes with "
             + ", ".join(w.replace("_", " ") for w in words))  # fmt: skip
     return Unexplained(True, p, rms, allowance, words, text)
+
+
+def _known_nm(space: Space, noise_nm: float) -> float:
+    """What a given model did not follow where it was identified either."""
+    own_nm = 1e3 * space.own_um if np.isfinite(space.own_um) else 0.0
+    return float(np.sqrt(max(own_nm**2 - noise_nm**2, 0.0)))
 
 
 def with_line(rest: Unexplained, line: Line | None, floor_nm: float | None) -> Unexplained:
