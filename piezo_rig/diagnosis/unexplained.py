@@ -57,8 +57,8 @@ def unexplained(
     rms = 1e3 * float(np.sqrt(max(float(generic @ generic_gram @ generic), 0.0) / samples))
     mismatch = 1e3 * float(np.sqrt(max(float(fine @ fine_gram @ fine), 0.0) / samples))
     allowance = float(np.linalg.norm([
-        max(mismatch, 0.02 * noise_nm, _known_nm(space, noise_nm)), 3e-6 * 1e3 * space.groups.travel_um,
-        OF_LAWS * explained_nm,
+        max(mismatch, 0.02 * noise_nm, _known_nm(space, noise_nm)),
+        3e-6 * 1e3 * space.groups.travel_um, OF_LAWS * explained_nm,
     ]))  # fmt: skip
     detected = bool(p < LEVEL and rms > allowance)
     if not detected:
