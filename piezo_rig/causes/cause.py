@@ -62,6 +62,7 @@ class Cause(Stage):
         depend on, and by which share of the effect's size each term may be off
     given : parameters that come with the form of an example and are not fitted
     sharp : parameter -> by how much finer than its example it must be varied
+    like_a_bend : whether a large one is taken for a memoryless bend at a first look
     scanned : an optional parameter that is looked for over its logarithm, and by which factor at
         first; it has many local optima, or the data say little of it
     kinked : a parameter in seconds whose effect has a kink at whole samples, where a descent hangs
@@ -81,6 +82,7 @@ class Cause(Stage):
     given: ClassVar[tuple[str, ...]] = ()
     sharp: ClassVar[Mapping[str, float]] = {}
     scanned: ClassVar[tuple[str, float]] = ("", 1.0)
+    like_a_bend: ClassVar[bool] = False
     kinked: ClassVar[str] = ""
     loosened: ClassVar[Mapping[str, float]] = {}
     needs_speeds: ClassVar[bool] = False

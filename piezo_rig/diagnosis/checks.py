@@ -14,6 +14,7 @@ from piezo_rig.run_file.sweep import Sweep
 SWITCH = 3.99  # neighbouring positions of the sensitivity switch
 UNLIKE = 0.05  # of the travel: repeats differ by no more
 BAD = 0.3  # of the travel
+FURTHER = 1.3  # times what a given model was off by where it was identified
 
 
 def data_warnings(groups: Groups, sweeps: Sequence[Sweep]) -> list[str]:
@@ -76,3 +77,14 @@ def baseline_warnings(groups: Groups, fitted: Fitted) -> list[str]:
             "of another actuator, the calibration differs, or a finding explains it"
         ]
     return []
+
+
+def further_off(own_nm: float, left_nm: float) -> list[str]:
+    """What is to be said where a given model stays further off than it was at home."""
+    if not left_nm > FURTHER * own_nm:
+        return []
+    return [
+        f"the given model was off by {own_nm:.3g} nm rms where it was identified and is off by "
+        f"{left_nm:.3g} nm here, with everything that was found: something has changed that these "
+        "data do not name, or these drives ask more of it than those did"
+    ]

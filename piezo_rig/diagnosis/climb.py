@@ -152,8 +152,8 @@ class Search:
         if model.stage(BEND) is not None or (here.point.fixed and self.space.loose):
             return False
         ratio, p = score_powers(self.space, here, self.rng)
-        best = max(good, key=lambda i: found.result.ratio[i], default=None)
-        if p > LEVEL or (best is not None and ratio <= found.result.ratio[best]):
+        best = float(found.result.ratio[good].max()) if good.size else 0.0
+        if p > LEVEL or ratio <= best:
             return False
         if here.point.fixed:  # a given model cannot be bent: it is allowed to be wrong by that
             self.tell("baseline, allowed a bend")
@@ -166,10 +166,12 @@ class Search:
         fitted = refit(self.space, Point(bent, (), here.point.sizes), held=True)
         if self.worse(fitted, here) is not None:
             return False
-        if best is not None and found.result.ratio[best] > LARGE:
-            rival = self.refitted(here, found, int(best))  # a flat top is bent, at a first look
-            if rival is not None and rival.evidence > fitted.evidence:
-                return False
+        for i in good:
+            kind = CAUSES[found.result.ids[i]]
+            if getattr(kind, "like_a_bend", False) and found.result.ratio[i] > LARGE:
+                rival = self.refitted(here, found, int(i))
+                if rival is not None and rival.evidence > fitted.evidence:
+                    return False
         self.accept(Step(BEND, p, fitted))
         return True
 
