@@ -47,7 +47,7 @@ def summary(rows: Sequence[Row]) -> str:
         f"{share(r['unexplained']['detected'] for r in known)} known effects "
         f"({share(r['unexplained']['detected'] for r in known if r['truth']['form'][0] == 'A')} "
         "of form A)",
-        parameter_table(known), _gains(fine), _unseen(known),
+        parameter_table(known), _gains(fine), _unseen(single),
     ]  # fmt: skip
     return "\n\n".join(p for p in parts if p)
 

@@ -36,6 +36,7 @@ BY_HAND = "## What it still gets wrong\n"
 def write(rows: Sequence[Row], out: Path) -> None:
     """The document of rows of the study; what stands by hand at its end is kept."""
     _, heading, rest = (out.read_text(encoding="utf-8") if out.exists() else "").partition(BY_HAND)
-    text = HEAD + summary(rows) + "\n\n## First findings\n\n" + matrix(rows) + "\n"
+    alone = [r for r in rows if len(r["truth"]["causes"]) < 2]
+    text = HEAD + summary(rows) + "\n\n## First findings\n\n" + matrix(alone) + "\n"
     text += "\n" + heading + rest if heading else ""
     out.write_text(text, encoding="utf-8", newline="\n")

@@ -9,7 +9,7 @@ trap 'rm -rf "$scratch"' EXIT
 "${BUILD:-python3}" -m build --quiet --wheel --outdir "$scratch/dist" "$checkout" >"$scratch/build.log" 2>&1 \
     || { cat "$scratch/build.log"; exit 1; }
 "${PYTHON:-python3.11}" -m venv "$scratch/venv"
-"$scratch/venv/bin/python" -m pip install --quiet --disable-pip-version-check \
+"$scratch/venv/bin/python" -m pip install --quiet --no-compile --disable-pip-version-check \
     -c "$checkout/constraints.txt" "$scratch"/dist/*.whl
 mkdir "$scratch/empty"
 cd "$scratch/empty"
