@@ -17,9 +17,11 @@ from piezo_rig.chain import Model
 from piezo_rig.diagnosis import basis, dictionary
 from piezo_rig.diagnosis.dictionary import Scales
 from piezo_rig.diagnosis.groups import Group, Groups
+from piezo_rig.diagnosis.linear import Fixed, Piece
 
 FloatArray = NDArray[np.float64]
 RIDGE = 1e-8  # of the scaled Gram matrix
+SPARE = 2.0  # times what a model was off by itself; beyond that, what is wrong with it is news
 
 
 def bends_left(
@@ -47,3 +49,26 @@ def bends_left(
     ridged = gram * np.outer(size, size) + RIDGE * np.eye(size.size)
     shares = size[:, None] * np.linalg.solve(ridged, size[:, None] * cross)
     return [y - shares.T @ x for x, y in zip(bands, bends, strict=True)]
+
+
+def most(
+    pieces: Sequence[Piece], fixed: Sequence[Fixed],
+    counts: tuple[int, int, int], own_um: float,
+) -> tuple[float, float]:  # fmt: skip
+    """Variances at which fine thresholds, and the dictionary, are as wrong as may be.
+
+    Parameters
+    ----------
+    counts : of powers, fine thresholds and the dictionary in ``fixed``
+    own_um : how far off the model was where it was identified, rms; infinite where not known
+    """
+    if not np.isfinite(own_um):
+        return np.inf, np.inf
+    bends, fine, _ = counts
+    square, count = np.zeros(2), 0.0
+    for piece, columns in zip(pieces, fixed, strict=True):
+        rows = np.sum(np.square(columns.raw, dtype=float), axis=1)
+        square += rows[bends : bends + fine].sum(), rows[bends + fine :].sum()
+        count += float(piece.cells.share.sum())
+    out = (SPARE * own_um) ** 2 * count / np.maximum(square, 1e-300)
+    return float(out[0]), float(out[1])

@@ -39,7 +39,6 @@ MOST_KNOWN, MOST_BANDS, MOST_LINEAR = 4, 6, 4  # kept
 MOST_GIVEN = 4  # of every group
 NEAR = 0.15  # columns of a model whose numbers are this near serve as well
 THREADS = 2
-SPARE = 2.0
 Made = TypeVar("Made")
 
 
@@ -252,24 +251,8 @@ class Space:
             layout, np.array([r.white for r in found]), np.array([r.residual for r in found]),
             np.array([r.raw for r in found]),
             np.array([r.weight for r in found]), law, tuple(r.rows for r in found), self._made_for,
-            self._most(),
+            held.most(self.pieces, self.fixed, self.counts, self.own_um),
         )  # fmt: skip
-
-    def _most(self) -> tuple[float, float]:
-        """Variances of fine thresholds and dictionary that make a given model as wrong as it was.
-
-        Beyond `SPARE` times that, what is wrong with it is news.
-        """
-        if not np.isfinite(self.own_um):
-            return np.inf, np.inf
-        bends, fine, _ = self.counts
-        square, count = np.zeros(2), 0.0
-        for piece, fixed in zip(self.pieces, self.fixed, strict=True):
-            rows = np.sum(np.square(fixed.raw, dtype=float), axis=1)
-            square += rows[bends : bends + fine].sum(), rows[bends + fine :].sum()
-            count += float(piece.cells.share.sum())
-        most = (SPARE * self.own_um) ** 2 * count / np.maximum(square, 1e-300)
-        return float(most[0]), float(most[1])
 
     def _each_group(self, make: Callable[[int], list[Made]]) -> list[Made]:
         """What ``make`` makes of every group, by two threads: most of it is outside the lock."""

@@ -6,9 +6,10 @@ from dataclasses import replace
 
 import pytest
 
+from piezo_rig.causes import load_model
 from piezo_rig.diagnosis import diagnose
 from piezo_rig.diagnosis.groups import group_tracks
-from piezo_rig.identification import prepare
+from piezo_rig.identification import identify, prepare, save_model
 from piezo_rig.studies.hidden import draw
 from piezo_rig.studies.hidden.calibration import SensorScale
 
@@ -52,6 +53,19 @@ def test_against_a_fixed_model_gain_and_scale_are_told_apart(calibrated, cause):
     assert finding.alternatives == []
     assert finding.parameters["ratio"].value == pytest.approx(1.01, abs=3e-4)
     assert holds(finding.parameters["ratio"], 1.01)
+
+
+@pytest.mark.parametrize("seed", [920, 922])  # the first two of actuators without a bend
+def test_a_model_from_a_file_may_be_little_further_off_than_it_says(seed, tmp_path):
+    case = draw("drive-gain", seed, "rates", "1/f", form="A")
+    (gain,) = case.effects
+    identified = identify(case.before(1), "classical").model
+    model = load_model(save_model(identified, tmp_path / "m.json"))
+    assert 0.8 * case.noise.rms_nm < model.provenance["rms_nm"] < 3.0 * case.noise.rms_nm
+    later = replace(case, effects=(replace(gain, sign=1.0, size=0.01),)).again(2)
+    (finding,) = diagnose(later, model).findings
+    assert finding.cause == "drive-gain"
+    assert finding.parameters["ratio"].value == pytest.approx(1.01, abs=2e-3)
 
 
 def test_another_session_of_the_same_actuator_is_no_finding(calibrated):
