@@ -85,9 +85,24 @@ def read_model(path: str | Path, stages: Mapping[str, type[Stage]]) -> Model:
     try:
         model = Model(tuple(_stage(s, stages) for s in listed), provenance, name)
         model.check()
+        bent_model(model, stages)
     except InputError as e:
         raise InputError(e.code, f"{path}: {e.what}", e.cause, e.remedy) from None
     return model
+
+
+def bent_model(model: Model, stages: Mapping[str, type[Stage]]) -> Model | None:
+    """The same fit beside a bend, if the model's provenance has it; InputError if damaged."""
+    said = model.provenance.get("bent")
+    if said is None:
+        return None
+    listed = said.get("stages") if isinstance(said, dict) else None
+    if not isinstance(listed, list) or not _number(said.get("rms_nm")):
+        raise InputError("model-stage", "the fit with a bend in its provenance is damaged")
+    own = model.provenance | {"rms_nm": said["rms_nm"]}
+    bent = Model(tuple(_stage(s, stages) for s in listed), own, model.name)
+    bent.check()
+    return bent
 
 
 def _stage(data: Any, stages: Mapping[str, type[Stage]]) -> Stage:

@@ -14,13 +14,15 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from piezo_rig.causes import CAUSES
+from piezo_rig.causes import CAUSES, STAGES
 from piezo_rig.causes.cause import Cause
 from piezo_rig.chain.bend import Bend
+from piezo_rig.chain.model_file import bent_model
 from piezo_rig.diagnosis.confusion import strengths
 from piezo_rig.diagnosis.detours import detour, together
 from piezo_rig.diagnosis.fit import Point
 from piezo_rig.diagnosis.forms import beside_kinks, further, reached
+from piezo_rig.diagnosis.held import own_um_of
 from piezo_rig.diagnosis.ladder import Ladder, Step
 from piezo_rig.diagnosis.likelihood import Likelihood, reduce
 from piezo_rig.diagnosis.needed import does_nothing, needless, worth_needed
@@ -155,7 +157,10 @@ class Search:
         best = float(found.result.ratio[good].max()) if good.size else 0.0
         if p > LEVEL or ratio <= best:
             return False
-        if here.point.fixed:  # a given model cannot be bent: it is allowed to be wrong by that
+        if here.point.fixed:
+            if self.given_bent(here, p):
+                return True
+            # it does not say what its bend is: it is allowed to be wrong by any
             self.tell("baseline, allowed a bend")
             self.space.loose = True
             self.first, self.steps = refit(self.space, self.first.point), []
@@ -172,6 +177,22 @@ class Search:
                 rival = self.refitted(here, found, int(i))
                 if rival is not None and rival.evidence > fitted.evidence:
                     return False
+        self.accept(Step(BEND, p, fitted))
+        return True
+
+    def given_bent(self, here: Fitted, p: float) -> bool:
+        """Take a given model with the bend that was seen where it was identified."""
+        bent = bent_model(here.point.model, STAGES)
+        if bent is None:
+            return False
+        self.tell("baseline, with its bend")
+        own_um, self.space.own_um = self.space.own_um, own_um_of(bent)
+        point = Point(bent, tuple(s.id for s in bent.stages))
+        fitted = refit(self.space, point)
+        if self.error(0, fitted) >= self.error(0, self.first):
+            self.space.own_um = own_um
+            return False
+        self.steps = []
         self.accept(Step(BEND, p, fitted))
         return True
 

@@ -7,12 +7,12 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from piezo_rig.chain import Model
 from piezo_rig.diagnosis import engine
 from piezo_rig.diagnosis.climb import climb
 from piezo_rig.diagnosis.early import Reading, noise_floor_nm
 from piezo_rig.diagnosis.fit import Point
 from piezo_rig.diagnosis.groups import Groups
+from piezo_rig.diagnosis.held import own_um_of
 from piezo_rig.diagnosis.held_out import Errors, carried_over_nm, held_out_errors, reported_kind
 from piezo_rig.diagnosis.ladder import Ladder, Step
 from piezo_rig.diagnosis.monitored import corrected, freed, taken_in
@@ -57,12 +57,6 @@ class Climbed:
         return self._known[key][1]
 
 
-def _own_um(model: Model) -> float:
-    """How far off a given model was where it was identified; unbounded where it does not say."""
-    own = model.provenance.get("rms_nm")
-    return 1e-3 * float(own) if isinstance(own, int | float) and own > 0 else np.inf
-
-
 def climbed(
     clean: Groups, start: Point, rng: np.random.Generator, tell: Callable[[str], None], others: int,
     reading: Reading | None = None,
@@ -78,7 +72,7 @@ def climbed(
     whitener, repeated = engine.noise_of(clean, start, rng)
     space, folds = engine.space_of(clean, whitener, start.model)
     if start.fixed:
-        space.own_um = _own_um(start.model)
+        space.own_um = own_um_of(start.model)
     first = refit(space, start)
     floor = noise_floor_nm(clean)
     out = Climbed(space, folds, reported_kind(clean, folds), floor, repeated, first)

@@ -24,6 +24,12 @@ RIDGE = 1e-8  # of the scaled Gram matrix
 SPARE = 2.0  # times what a model was off by itself; beyond that, what is wrong with it is news
 
 
+def own_um_of(model: Model) -> float:
+    """How far off a given model was where it was identified; unbounded where it does not say."""
+    own = model.provenance.get("rms_nm")
+    return 1e-3 * float(own) if isinstance(own, int | float) and own > 0 else np.inf
+
+
 def bends_left(
     groups: Groups, driven: Sequence[Group], model: Model, scales: Scales
 ) -> list[FloatArray]:

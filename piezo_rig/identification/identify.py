@@ -15,6 +15,7 @@ from piezo_rig.causes import CAUSES, NAMED_MODELS, named_model
 from piezo_rig.chain import Elements, Maxwell, Model, Parameter, Stage
 from piezo_rig.errors import InputError
 from piezo_rig.identification import least_squares, slopes
+from piezo_rig.identification.bent import bent
 from piezo_rig.identification.data import Data, prepare
 from piezo_rig.identification.folds import Folds
 from piezo_rig.identification.normal import finer, rms
@@ -126,6 +127,7 @@ def identify(
     tell("done", 1.0)
     fitted = scores(data, built.branches())
     built = _off_by(built, held or fitted)
+    built = _with_bent(data, fit, built, elements, laws)
     notes = [*data.left_out, *fit.notes, *_unexplained(data, fitted)]
     return Identification(
         built, scheme, fitted, held, fit.folds.kind, band, None, notes
@@ -166,6 +168,25 @@ def _by_slopes(
 def _off_by(model: Model, scores: Scores) -> Model:
     """The model, with how far off it is: what it is held to when later data are held against it."""
     return model.with_(provenance=model.provenance | {"rms_nm": round(scores.rms_nm, 4)})
+
+
+def _with_bent(
+    data: Data, fit: least_squares.LeastSquares, built: Model, elements: int | None,
+    laws: tuple[type[Stage], ...],
+) -> Model:
+    """With the same fit beside a bend in its provenance, where that is nearer to the data."""
+    name = built.name
+    one_curve = "initiation-stage" not in NAMED_MODELS[name]
+    found = bent(data, fit, one_curve, laws, elements)
+    if found is None:
+        return built
+    reach = max(data.first_reach_v, data.later_reach_v / 2.0)
+    first = found.curves.first_elements(reach)
+    later = first if one_curve else found.curves.later_elements(data.later_reach_v)
+    model = _build(name, first, later, one_curve, list(found.curves.law_stages()), {})
+    model = model.with_stage(found.bend)
+    said = {"rms_nm": round(found.rms_nm, 4), "stages": [s.to_dict() for s in model.stages]}
+    return built.with_(provenance=built.provenance | {"bent": said})
 
 
 def _worse_with_laws(

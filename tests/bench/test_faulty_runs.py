@@ -26,6 +26,7 @@ from piezo_rig.resources import shipped_folder
 from piezo_rig.run_file.reader import Run
 
 TIMEOUT_S = 0.2
+SETTLED_S = 0.001  # of the stack behind its last step, which may be this very instant
 SHORT = """
 schema = "piezo-rig/protocol/1"
 name = "short"
@@ -87,7 +88,7 @@ def played(tmp_path_factory) -> Callable[[str], Outcome]:
                 status = main(["run", str(protocol), "--rig", str(rig), "--out", str(folder)])
                 took = time.monotonic() - begun
             for plant in plants:
-                plant.flush_history(clock.now())
+                plant.flush_history(clock.now() + SETTLED_S)
         runs = list(folder.glob("*.h5"))
         assert not list(folder.glob("*.part*")), "a run was left open"
         return Outcome(

@@ -68,6 +68,21 @@ def test_a_model_from_a_file_may_be_little_further_off_than_it_says(seed, tmp_pa
     assert finding.parameters["ratio"].value == pytest.approx(1.01, abs=2e-3)
 
 
+@pytest.mark.parametrize("seed", [921, 924])  # the first two of actuators with a bend
+def test_a_model_from_a_file_says_what_bend_it_could_not_follow(seed, tmp_path):
+    case = draw("drive-gain", seed, "rates", "1/f", form="A")
+    (gain,) = case.effects
+    identified = identify(case.before(1), "classical").model
+    model = load_model(save_model(identified, tmp_path / "m.json"))
+    assert model.provenance["rms_nm"] > 2.0 * case.noise.rms_nm
+    assert 0.8 * case.noise.rms_nm < model.provenance["bent"]["rms_nm"] < 1.5 * case.noise.rms_nm
+    assert diagnose(replace(case, effects=()).again(2), model).findings == []
+    later = replace(case, effects=(replace(gain, sign=1.0, size=0.01),)).again(2)
+    (finding,) = diagnose(later, model).findings
+    assert finding.cause == "drive-gain"
+    assert finding.parameters["ratio"].value == pytest.approx(1.01, abs=2e-3)
+
+
 def test_another_session_of_the_same_actuator_is_no_finding(calibrated):
     model, sessions = calibrated
     found = diagnose(sessions["nothing"], model)
