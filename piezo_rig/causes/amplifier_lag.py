@@ -44,7 +44,9 @@ class AmplifierLag(Cause):
 
     def increment(self, branches: Branches) -> Increment | str:
         tau = self["tau"]
-        return Increment(Operation.LAG, (tau,)) if tau > 0.0 else Increment(Operation.GAIN, (1.0,))
+        if tau > 0.0:
+            return Increment(Operation.LAG, (tau,))
+        return Increment(Operation.GAIN, (1.0, 0.0))
 
     @classmethod
     def trials(cls, context: Context) -> list[Stage]:

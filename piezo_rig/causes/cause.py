@@ -33,6 +33,7 @@ class Context:
     slews_v_per_s : mean |dV/dt| of the half loops, shape (m,)
     step_s, duration_s : sampling step; longest recording
     seen_hz : samples per second at which effects are looked for
+    offset_v : drive at no command, if it has any
     """
 
     model: Model
@@ -42,6 +43,7 @@ class Context:
     step_s: float
     duration_s: float
     seen_hz: float
+    offset_v: float = 0.0
 
     @property
     def slew_v_per_s(self) -> float:

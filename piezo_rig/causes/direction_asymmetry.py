@@ -80,7 +80,7 @@ class DirectionAsymmetry(Cause):
 
     def increment(self, branches: Branches) -> Increment | str:
         if not self.closes:
-            return Increment(Operation.GAIN, (1.0,))
+            return Increment(Operation.GAIN, (1.0, 0.0))
         width, share, fades = self.state
         return Increment(Operation.STOP, (width, share, float(fades)))
 

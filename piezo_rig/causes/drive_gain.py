@@ -1,9 +1,10 @@
 """Drive gain: the amplifier's gain is not the one on its label.
 
 Physics: the drive is gain x command + offset; a gain that was never calibrated, or a supply that
-has aged, makes every excursion of the drive larger or smaller than it is taken to be. The drive
-is multiplied about 0 V. Where it is pivoted (an offset that stays right) does not show: the
-memory begins where the drive begins.
+has aged, makes every excursion of the drive larger or smaller than it is taken to be. What is
+multiplied is the command, so that the drive stays right where the command is 0 V: at the
+amplifier's offset, or at 0 V where all of the drive is off. Between the two springs and sliders
+make no difference, their memory begins where the drive begins; a memoryless bend does.
 
 Shows as: turning points and thresholds that lie elsewhere along the drive, so that a larger gain
 runs further into the steep part of every branch. A model that is refitted takes its own
@@ -32,15 +33,28 @@ class DriveGain(Cause):
     place = "drive"
     needs_fixed_model = True
     units: ClassVar[Mapping[str, str]] = {"ratio": "1"}
-    neutral: ClassVar[Mapping[str, float]] = {"ratio": 1.0}
+    optional: ClassVar[Mapping[str, str]] = {"stays_v": "V"}  # the drive that stays right
+    given: ClassVar[tuple[str, ...]] = ("stays_v",)
+    neutral: ClassVar[Mapping[str, float]] = {"ratio": 1.0, "stays_v": 0.0}
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {"ratio": (0.2, 5.0)}
 
     def act(self, signal: Signal) -> Signal:
-        return signal.with_drive(self["ratio"] * signal.drive_v)
+        return signal.with_drive(self["ratio"] * signal.drive_v + self.added_v)
+
+    @property
+    def added_v(self) -> float:
+        """What is added to the multiplied drive, V."""
+        stays = self["stays_v"] if "stays_v" in self.parameters else 0.0
+        return (1.0 - self["ratio"]) * stays
 
     def increment(self, branches: Branches) -> Increment | str:
-        return Increment(Operation.GAIN, (self["ratio"],))
+        return Increment(Operation.GAIN, (self["ratio"], self.added_v))
 
     @classmethod
     def trials(cls, context: Context) -> list[Stage]:
         return [cls.of(None, ratio=1.002)]
+
+    @classmethod
+    def variants(cls, context: Context) -> list[list[Stage]]:
+        offset = cls.of(None, ratio=1.002, stays_v=context.offset_v)
+        return [cls.trials(context), *([[offset]] if context.offset_v else [])]

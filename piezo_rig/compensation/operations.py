@@ -23,7 +23,7 @@ def begin(kind, n, new, x, drive):
     for k in range(new.size):
         new[k] = 0.0
     if kind == GAIN:
-        return n[0] * x
+        return n[0] * x + n[1]
     if kind == CLIP:
         return min(max(x, n[0]), n[1])
     if kind in (SLEW, LAG):
@@ -89,7 +89,7 @@ def _first_order(tau, step_s, cache):
 def step(kind, n, cap, cache, old, new, x, drive):
     """One step: ``x`` is the drive (operations on it) or the displacement so far."""
     if kind == GAIN:
-        return n[0] * x
+        return n[0] * x + n[1]
     if kind == CLIP:
         return min(max(x, n[0]), n[1])
     if kind == BEND:

@@ -77,6 +77,7 @@ def climb(
     others : causes that were tried elsewhere (on the raw recordings), for the correction
     """
     search = Search(space, first, rng, tell, held_out, noise_nm, others)
+    search.with_own_bend()
     search.forward()
     clear(search)
     for _ in range(ROUNDS):
@@ -157,10 +158,7 @@ class Search:
         best = float(found.result.ratio[good].max()) if good.size else 0.0
         if p > LEVEL or ratio <= best:
             return False
-        if here.point.fixed:
-            if self.given_bent(here, p):
-                return True
-            # it does not say what its bend is: it is allowed to be wrong by any
+        if here.point.fixed:  # it does not say what its bend is: it is allowed to be wrong by any
             self.tell("baseline, allowed a bend")
             self.space.loose = True
             self.first, self.steps = refit(self.space, self.first.point), []
@@ -180,21 +178,19 @@ class Search:
         self.accept(Step(BEND, p, fitted))
         return True
 
-    def given_bent(self, here: Fitted, p: float) -> bool:
+    def with_own_bend(self) -> None:
         """Take a given model with the bend that was seen where it was identified."""
-        bent = bent_model(here.point.model, STAGES)
+        bent = bent_model(self.first.point.model, STAGES) if self.first.point.fixed else None
         if bent is None:
-            return False
+            return
         self.tell("baseline, with its bend")
+        _, p = score_powers(self.space, self.first, self.rng)
         own_um, self.space.own_um = self.space.own_um, own_um_of(bent)
-        point = Point(bent, tuple(s.id for s in bent.stages))
-        fitted = refit(self.space, point)
-        if self.error(0, fitted) >= self.error(0, self.first):
+        fitted = refit(self.space, Point(bent, tuple(s.id for s in bent.stages)))
+        if self.error(0, fitted) < self.error(0, self.first):
+            self.accept(Step(BEND, p, fitted))
+        else:
             self.space.own_um = own_um
-            return False
-        self.steps = []
-        self.accept(Step(BEND, p, fitted))
-        return True
 
     def loosen(self, here: Fitted, best: float) -> bool:
         """Let go of the assumed law of a member where that gains more than ``best``."""

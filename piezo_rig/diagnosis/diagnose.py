@@ -149,8 +149,8 @@ def diagnose(
     if space.loose:
         notes.append(
             "the baseline has no memoryless bend, but the actuator has one: what the baseline "
-            "gets wrong by that hides whatever is as small; `diagnose --save-model` on the "
-            "recordings it was identified from gives one that has it"
+            "gets wrong by that hides whatever is as small; identified again, by `identify` or "
+            "`diagnose --save-model`, it says what its bend is"
         )
     tell("held out")
     name = baseline if isinstance(baseline, str) else (baseline.name or "given model")

@@ -126,11 +126,15 @@ class Short(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Groups:
-    """All groups, and the factor by which they are thinned."""
+    """All groups, and the factor by which they are thinned.
+
+    ``offset_v`` : the drive at no command; where that is not known, the highest
+    """
 
     groups: tuple[Group, ...]
     rate: float
     factor: int
+    offset_v: float = 0.0
     _short: dict[int, tuple[Group, Short]] = field(default_factory=dict, init=False, repr=False)
 
     @property
@@ -170,7 +174,7 @@ class Groups:
         groups = self.evenly().groups
         if samples is not None:
             groups = tuple(g.begun(samples // len(groups)) for g in groups)
-        return Groups(groups, self.rate, 1)
+        return Groups(groups, self.rate, 1, self.offset_v)
 
     def cells(self, group: Group) -> list[Cells]:
         """Of each block of a group."""
@@ -247,12 +251,14 @@ def group_tracks(data: Data, sweeps: Sequence[Sweep]) -> Groups:
                 earlier=_shares([earlier[t.sweeps] for t in members]) if earlier else ())
         for members in found
     )  # fmt: skip
+    offset = float(np.median([s.offset_v for s in sweeps]))
+    offset = offset or max(float(g.drive_v.max()) for g in groups)
     total = sum(b - a for g in groups for a, b in g.blocks)
     factor = int(np.clip(np.ceil(total / ENOUGH), 1, max(1, rate / SLOWEST)))
     if total <= FEW or factor == 1:
-        return Groups(groups, rate, 1)
+        return Groups(groups, rate, 1, offset)
     most = max(BESIDE_CORNERS // len(groups), OF_EACH)
-    return Groups(tuple(_fine(g, rate, factor, most) for g in groups), rate, factor)
+    return Groups(tuple(_fine(g, rate, factor, most) for g in groups), rate, factor, offset)
 
 
 def _fine(group: Group, rate: float, factor: int, most: int) -> Group:

@@ -80,6 +80,7 @@ def context_of(space: Space, model: Model) -> Context:
         1.0 / space.groups.rate,
         longest,
         space.groups.finest_rate,
+        space.groups.offset_v,
     )
 
 

@@ -128,7 +128,7 @@ def identify(
     fitted = scores(data, built.branches())
     built = _off_by(built, held or fitted)
     built = _with_bent(data, fit, built, elements, laws)
-    notes = [*data.left_out, *fit.notes, *_unexplained(data, fitted)]
+    notes = [*data.left_out, *fit.notes, *_bend_said(built), *_unexplained(data, fitted)]
     return Identification(
         built, scheme, fitted, held, fit.folds.kind, band, None, notes
     )
@@ -187,6 +187,16 @@ def _with_bent(
     model = model.with_stage(found.bend)
     said = {"rms_nm": round(found.rms_nm, 4), "stages": [s.to_dict() for s in model.stages]}
     return built.with_(provenance=built.provenance | {"bent": said})
+
+
+def _bend_said(model: Model) -> list[str]:
+    if "bent" not in model.provenance:
+        return []
+    return [
+        f"beside a memoryless bend it would be off by {model.provenance['bent']['rms_nm']:.3g} nm "
+        f"instead of {model.provenance['rms_nm']:.3g} nm; the bend is kept in the file's "
+        "provenance, where `diagnose --baseline` finds it"
+    ]
 
 
 def _worse_with_laws(

@@ -67,7 +67,8 @@ def decay_and_hold(period_s: float, tau_s: float) -> tuple[float, float]:
 
 
 def _drive_gain(stage: Stage, at: Place) -> Part:
-    return Part(step=f"v = {number(stage['ratio'])} * v;")
+    assert isinstance(stage, DriveGain)
+    return Part(step=f"v = {number(stage['ratio'])} * v + {number(stage.added_v)};")
 
 
 def _drive_clipping(stage: Stage, at: Place) -> Part:

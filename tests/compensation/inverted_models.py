@@ -20,7 +20,7 @@ def table(springs):
 
 
 EXTRAS = {
-    "drive-gain": {"ratio": 1.03},
+    "drive-gain": {"ratio": 1.03, "stays_v": 75.0},
     "drive-clipping": {"lower": -1000.0, "upper": 58.0},
     "slew-limit": {"limit": 4000.0},
     "amplifier-lag": {"tau": 1.5e-4},

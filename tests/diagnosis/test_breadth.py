@@ -83,6 +83,18 @@ def test_a_model_from_a_file_says_what_bend_it_could_not_follow(seed, tmp_path):
     assert finding.parameters["ratio"].value == pytest.approx(1.01, abs=2e-3)
 
 
+@pytest.mark.parametrize("seed", [936, 937])  # the first two with a bend from 930 on
+def test_a_gain_that_leaves_the_offset_right_is_told_from_a_scale_by_the_bend(seed):
+    case = draw("drive-gain", seed, "rates", "white", form="B")
+    (gain,) = case.effects
+    model = identify(case.before(1), "classical").model
+    later = replace(case, effects=(replace(gain, sign=-1.0, size=0.01),)).again(2)
+    (finding,) = diagnose(later, model).findings
+    assert finding.cause == "drive-gain"
+    assert finding.parameters["ratio"].value == pytest.approx(0.99, abs=1e-3)
+    assert finding.parameters["stays_v"].value == 75.0
+
+
 def test_another_session_of_the_same_actuator_is_no_finding(calibrated):
     model, sessions = calibrated
     found = diagnose(sessions["nothing"], model)

@@ -77,6 +77,7 @@ KINDS = {
         of("direction-asymmetry", ratio=1.2, reach=0.05, closing=1.0, taper=1.0)
     ),
     "drive-gain": stages(of("drive-gain", ratio=1.03)),
+    "drive-gain about 75 V": stages(of("drive-gain", ratio=0.98, stays_v=75.0)),
     "drive-clipping": stages(of("drive-clipping", lower=3.0, upper=61.0)),
     "slew-limit": stages(of("slew-limit", limit=700.0)),
     "amplifier-lag": stages(of("amplifier-lag", tau=2e-3)),
