@@ -3,6 +3,7 @@
 PYTHON ?= python3.11
 VENV := .venv
 BIN := $(VENV)/bin
+INSTALLED := $(VENV)/.installed
 READY := $(VENV)/.ready
 RUNS ?= runs
 
@@ -16,26 +17,29 @@ demo: $(READY)  ## play quick_look on the simulated bench: run, model, figures, 
 test: $(READY)  ## the test suite
 	$(BIN)/python -m pytest -n 2 --dist worksteal
 
-lint: $(READY)  ## style
+lint: $(INSTALLED)  ## style
 	$(BIN)/ruff check .
 
-types: $(READY)  ## types
+types: $(INSTALLED)  ## types
 	$(BIN)/mypy
 
-layers: $(READY)  ## who may import whom
+layers: $(INSTALLED)  ## who may import whom
 	$(BIN)/lint-imports
 
 check: lint types layers test  ## everything that CI looks at, but the wheel
 
-wheel: $(READY)  ## build the wheel, install it elsewhere, run it in an empty folder
+wheel: $(INSTALLED)  ## build the wheel, install it elsewhere, run it in an empty folder
 	PYTHON=$(PYTHON) BUILD=$(abspath $(BIN))/python tests/wheel/try_wheel.sh
 
 bench-figures: $(READY)  ## speed, as ratios to named references
 	$(BIN)/python -m benchmarks $(if $(PEER_PYTHON),--peer-python $(PEER_PYTHON))
 
-$(READY): pyproject.toml constraints.txt
+$(INSTALLED): pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --no-compile --disable-pip-version-check -c constraints.txt -e '.[dev]'
+	touch $@
+
+$(READY): $(INSTALLED)
 	$(BIN)/python -m piezo_rig.warm_up
 	touch $@
 
