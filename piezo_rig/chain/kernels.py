@@ -29,6 +29,28 @@ import numpy as np
 # branch, distance from the branch's turning point at the beginning.
 
 
+# one by one: numpy's own ways to copy a part take seconds to compile
+
+
+@numba.njit(cache=True, boundscheck=False, nogil=True)
+def _longer(values):
+    """Twice as long, zeros behind."""
+    out = np.zeros(2 * values.size, values.dtype)
+    for k in range(values.size):
+        out[k] = values[k]
+    return out
+
+
+@numba.njit(cache=True, boundscheck=False, nogil=True)
+def _longer_table(values):
+    """Twice as many rows, zeros behind."""
+    out = np.zeros((2 * values.shape[0], values.shape[1]), values.dtype)
+    for k in range(values.shape[0]):
+        for j in range(values.shape[1]):
+            out[k, j] = values[k, j]
+    return out
+
+
 @numba.njit(cache=True, boundscheck=False, nogil=True)
 def _run_end(v, i, up):
     """Last sample of the monotone run that contains i, moving up or down."""
@@ -188,8 +210,8 @@ def walk(v, origin, init_knots, early_knots, rest_knots, loop_start, early_slope
                 after = _back_again(v, i, here, reach, up)
                 if after >= 0 and (of + 1 == loop_start.size or loop_start[of + 1] >= after):
                     if count == capacity:
-                        ints = np.concatenate((ints, np.empty((capacity, 5), np.int64)))
-                        floats = np.concatenate((floats, np.empty((capacity, 4), np.float64)))
+                        ints = _longer_table(ints)
+                        floats = _longer_table(floats)
                         capacity *= 2
                     ints[count, 0] = i
                     ints[count, 1] = after
@@ -211,9 +233,9 @@ def walk(v, origin, init_knots, early_knots, rest_knots, loop_start, early_slope
             while loop + 1 < loop_start.size and loop_start[loop + 1] <= start:
                 loop += 1
             if depth + 2 > room:
-                turn = np.concatenate((turn, np.empty(room, np.float64)))
-                loop_of = np.concatenate((loop_of, np.empty(room, np.int64)))
-                band = np.concatenate((band, np.zeros(room, np.int64)))
+                turn = _longer(turn)
+                loop_of = _longer(loop_of)
+                band = _longer(band)
                 room *= 2
             turn[depth] = here
             loop_of[depth] = loop
@@ -255,8 +277,8 @@ def walk(v, origin, init_knots, early_knots, rest_knots, loop_start, early_slope
                 stop = last
                 after = end + 1
             if count == capacity:
-                ints = np.concatenate((ints, np.empty((capacity, 5), np.int64)))
-                floats = np.concatenate((floats, np.empty((capacity, 4), np.float64)))
+                ints = _longer_table(ints)
+                floats = _longer_table(floats)
                 capacity *= 2
             ints[count, 0] = i
             ints[count, 1] = after
@@ -346,7 +368,7 @@ def turning_points(v, dead_band):
             low = i
         if turned > 0:
             if count == capacity:
-                found = np.concatenate((found, np.empty(capacity, np.int64)))
+                found = _longer(found)
                 capacity *= 2
             found[count] = turned
             count += 1

@@ -92,24 +92,32 @@ def with_room(state: State, room: int) -> State:
 
 
 @numba.njit(cache=True)
+def _copy(values, into):
+    """One by one: whole tables would take seconds more to compile."""
+    for j in range(values.shape[0]):
+        for k in range(values.shape[1]):
+            into[j, k] = values[j, k]
+
+
+@numba.njit(cache=True)
 def start(t, s, drive):
     """A virgin actuator at its first drive."""
-    s.counts[:] = 0
-    s.band[:] = 0
+    s.counts.fill(0)
+    s.band.fill(0)
     w = drive
     for j in range(t.drives):
         w = begin(t.kinds[j], t.numbers[j], s.memory[j], w, w)
     x = 0.0
     for j in range(t.drives, t.kinds.size):
         x = begin(t.kinds[j], t.numbers[j], s.memory[j], x, w)
-    s.scalars[:] = 0.0
+    s.scalars.fill(0.0)
     s.scalars[SEEN] = w
     s.scalars[ORIGIN] = w
     s.scalars[BEGUN] = w
     s.scalars[EXTREME] = w
     s.scalars[DRIVE] = drive
     s.scalars[ZERO] = x
-    s.fresh[:] = s.memory
+    _copy(s.memory, s.fresh)
 
 
 @numba.njit(cache=True)
@@ -232,7 +240,7 @@ def take(t, s, drive):
     s.scalars[SEEN] = seen
     s.scalars[SPRINGS] = s.scalars[TRY_SPRINGS]
     s.scalars[DRIVE] = drive
-    s.memory[:] = s.fresh
+    _copy(s.fresh, s.memory)
 
 
 @numba.njit(cache=True)

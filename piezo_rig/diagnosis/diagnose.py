@@ -25,6 +25,7 @@ from piezo_rig.diagnosis.follow_up import FollowUp, follow_up
 from piezo_rig.diagnosis.groups import Groups, group_tracks
 from piezo_rig.diagnosis.held_out import Errors, gain, held_out_errors, refold
 from piezo_rig.diagnosis.isolability import Workings
+from piezo_rig.diagnosis.reaches import Intervals, over_reaches
 from piezo_rig.diagnosis.refit import Fitted, refit, settle
 from piezo_rig.diagnosis.scan import LEVEL
 from piezo_rig.diagnosis.space import Space
@@ -176,7 +177,11 @@ def diagnose(
     tell("what can be told apart")
     last = ladder.last
     settle(space, last.point)
-    model = final_model(last, name)
+    spread: Intervals = {}
+    for step in steps:
+        spread |= over_reaches(space, last, step.cause)
+    settle(space, last.point)
+    model = final_model(last, name, spread)
     confused: dict[str, list[str]] = {}
     for i, step in enumerate(steps):
         if step.cause == BEND:
@@ -195,7 +200,7 @@ def diagnose(
         findings.append(Finding(
             step.cause, CAUSES[step.cause].place, step.p_value,
             None if kind == "none" else value, None if kind == "none" else interval,
-            parameters_of(last, step.cause, model), confused[step.cause], found.d_prime,
+            parameters_of(last, step.cause, model, spread), confused[step.cause], found.d_prime,
         ))  # fmt: skip
     if kind == "none":
         notes.append("too few cycles to hold anything out: figures are of the fit itself, gains "
@@ -261,8 +266,13 @@ def _by_laws_nm(rungs: Sequence[Rung]) -> float:
     return float(np.sqrt(square))
 
 
-def parameters_of(fitted: Fitted, cause: str, model: Model) -> dict[str, Parameter]:
-    """Reported parameters of an accepted cause, with the values of the final model."""
+def parameters_of(
+    fitted: Fitted, cause: str, model: Model, spread: Intervals
+) -> dict[str, Parameter]:
+    """Reported parameters of an accepted cause, with the values of the final model.
+
+    ``spread`` : intervals that are not those of the linear fit
+    """
     stage = model.stage(cause)
     assert isinstance(stage, Cause)
     order = list(stage.parameters)
@@ -280,10 +290,17 @@ def parameters_of(fitted: Fitted, cause: str, model: Model) -> dict[str, Paramet
     begun = fitted.point.model.stage(cause)
     if isinstance(begun, FirstSpring) and not fitted.point.fixed:
         said["offset"] = offset_of(fitted, begun)
-    return said
+    return {n: _spread(p, spread.get((cause, n))) for n, p in said.items()}
 
 
-def final_model(fitted: Fitted, name: str) -> Model:
+def _spread(p: Parameter, interval: tuple[float, float] | None) -> Parameter:
+    """With another interval, which holds the value all the same."""
+    if interval is None:
+        return p
+    return replace(p, ci95=(min(interval[0], p.value), max(interval[1], p.value)))
+
+
+def final_model(fitted: Fitted, name: str, spread: Intervals) -> Model:
     """The extended model with intervals, the first spring's constant part in its law."""
     model = fitted.point.model
     for stage in model.stages:
@@ -293,9 +310,10 @@ def final_model(fitted: Fitted, name: str) -> Model:
                 if id == stage.id and fitted.covariance.size:
                     half = 1.96 * float(np.sqrt(max(fitted.covariance[j, j], 0.0)))
                     value = stage[parameter]
-                    own[parameter] = Parameter(
+                    linear = Parameter(
                         value, stage.parameters[parameter].unit, (value - half, value + half)
                     )
+                    own[parameter] = _spread(linear, spread.get((stage.id, parameter)))
             model = model.with_(
                 stages=tuple(
                     type(s)(s.parameters | own, s.elements) if s.id == stage.id else s

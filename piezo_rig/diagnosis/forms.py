@@ -64,7 +64,7 @@ def beside_kinks(space: Space, fitted: Fitted, id: str) -> Fitted:
     for whole in (below, below + 1.0):
         for beside in (-BESIDE, BESIDE):
             there = (whole + beside) * step_s
-            tried.append(_at(space, fitted, id, {stage.kinked: float(there)}))
+            tried.append(at_values(space, fitted, id, {stage.kinked: float(there)}))
     return max(tried, key=lambda f: f.evidence)
 
 
@@ -101,12 +101,12 @@ def _summit(space: Space, fitted: Fitted, id: str) -> Fitted:
     for _ in range(PARABOLAS):
         best = max(known, key=lambda r: known[r].evidence)
         if abs(np.log(best / made_at)) > SAME * np.log(factor):
-            known[best] = _at(space, known[best], id, {})
+            known[best] = at_values(space, known[best], id, {})
             near, made_at = known[best].linear, best
         before = known[best].evidence
         for r in (best * np.exp(-step), best * np.exp(step)):
             if not any(abs(np.log(r / k)) < 0.3 * step for k in known):
-                known[r] = _at(space, known[best], id, {name: r}, near)
+                known[r] = at_values(space, known[best], id, {name: r}, near)
         x = np.log(sorted(known))
         y = np.array([known[r].evidence for r in sorted(known)])
         i = int(np.clip(np.argmax(y), 1, x.size - 2))
@@ -114,7 +114,7 @@ def _summit(space: Space, fitted: Fitted, id: str) -> Fitted:
         if a < 0 and abs(b) < -4.0 * a * step:
             r = float(np.exp(x[i] - b / (2.0 * a)))
             if not any(abs(np.log(r / k)) < 1e-3 for k in known):
-                known[r] = _at(space, known[best], id, {name: r}, near)
+                known[r] = at_values(space, known[best], id, {name: r}, near)
         if 0 < int(np.argmax(y)) < y.size - 1:
             if max(f.evidence for f in known.values()) < before + SETTLED:
                 break
@@ -143,7 +143,7 @@ def _forms(space: Space, fitted: Fitted, id: str, than: Fitted) -> list[Fitted]:
     for form in FORMS:
         own = [k for k, s in enumerate(tried) if s["taper"] == form]
         for k in sorted(own, key=lambda k: -worth[k])[:LIKELIEST]:
-            best.append(_at(space, fitted, id, {"reach": tried[k]["reach"], "taper": form}))
+            best.append(at_values(space, fitted, id, {"reach": tried[k]["reach"], "taper": form}))
     return [
         max(same, key=lambda f: f.evidence)
         for form in FORMS if (same := [f for f in best if _taper(f, id) == form])
@@ -155,11 +155,11 @@ def _tied(space: Space, fitted: Fitted, id: str) -> Fitted:
     stage = fitted.point.model.stage(id)
     if stage is None or "ties" not in stage.optional:
         return fitted
-    kept = _at(space, fitted, id, {"ties": 1.0})
+    kept = at_values(space, fitted, id, {"ties": 1.0})
     return kept if kept.evidence > fitted.evidence + FADES else fitted
 
 
-def _at(
+def at_values(
     space: Space, fitted: Fitted, id: str, values: Mapping[str, float], near: Linear | None = None
 ) -> Fitted:
     """Refitted with parameters of a stage moved and held; as before if it cannot be played."""

@@ -83,7 +83,8 @@ def columns(ints, floats, n0, init_c, rest_c, first_break, law, by_law, knots, s
         if code < n0:
             if ints[s, 4] != 0 and knots:
                 state[knot0 + code - 1] += ints[s, 4] * (init_c[code - 1] - init_c[code])
-            begin[s] = state
+            for j in range(p):
+                begin[s, j] = state[j]
             active[s] = code
             rate[s, 0] = 1.0
             state[code] += change
@@ -102,7 +103,8 @@ def columns(ints, floats, n0, init_c, rest_c, first_break, law, by_law, knots, s
                     state[knot_later + band - 2] += sign * fall
             else:
                 state[knot_later + band - 1] += sign * fall
-        begin[s] = state
+        for j in range(p):
+            begin[s, j] = state[j]
         if band == 0 and by_law:
             active[s] = n0
             for j in range(q):

@@ -212,7 +212,8 @@ def _factors(c, relax, memo, dt):
         if abs(memo[k, 0] - dt) <= 1e-6 * dt:
             return k
     for k in range(MEMO_SLOTS - 1, 0, -1):
-        memo[k] = memo[k - 1]
+        for j in range(memo.shape[1]):  # a whole row would take seconds more to compile
+            memo[k, j] = memo[k - 1, j]
     n = relax.shape[1]
     memo[0, 0] = dt
     memo[0, 1] = math.exp(-dt / c.tau) if c.tau > 0.0 else 0.0
@@ -375,7 +376,7 @@ def settle(c, walls, s, w, q, v):
     s[TARGET] = v
     if v != s[DRIVE]:
         _travel(c, walls, s, w, v)
-    q[:] = s[STATIC]
+    q.fill(s[STATIC])
     s[MODE] = s[STATIC]
     s[MODE_SPEED] = 0.0
     s[LAGGED_DRIVE] = v
