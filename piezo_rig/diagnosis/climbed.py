@@ -16,6 +16,7 @@ from piezo_rig.diagnosis.held import own_um_of
 from piezo_rig.diagnosis.held_out import Errors, carried_over_nm, held_out_errors, reported_kind
 from piezo_rig.diagnosis.ladder import Ladder, Step
 from piezo_rig.diagnosis.monitored import corrected, freed, taken_in
+from piezo_rig.diagnosis.reaches import Intervals, at_their_reaches
 from piezo_rig.diagnosis.refit import Fitted, refit
 from piezo_rig.diagnosis.space import Space
 
@@ -35,6 +36,7 @@ class Climbed:
     first : the baseline; the ladder is climbed from the last of ``monitored``, if there are any
     monitored, said : rungs that the drive monitor gives; what is to be said of those it does not
     reading : of the drive monitor, with the delay as the displacement has it
+    spread : intervals that are not those of a linear fit
     """
 
     space: Space
@@ -46,6 +48,7 @@ class Climbed:
     monitored: list[Step] = field(default_factory=list)
     said: list[str] = field(default_factory=list)
     reading: Reading | None = None
+    spread: Intervals = field(default_factory=dict)
     ladder: Ladder = field(init=False)
     _known: dict[int, tuple[Point, Errors]] = field(default_factory=dict)
 
@@ -96,14 +99,20 @@ def climbed(
         gates.append((carries_over, AWAY))
     out.ladder = climb(space, first, rng, tell, gates, floor or space.noise_nm, others)
     if not out.monitored or reading is None:
-        return out
+        return _at_their_reaches(out, tell)
     out.ladder = freed(space, out.ladder)
     if not out.ladder.steps:  # then the last rung is the monitor's
         out.monitored[-1] = replace(out.monitored[-1], fitted=out.ladder.first)
     other = corrected(space, out.ladder, reading)
     if other is None:
-        return out
+        return _at_their_reaches(out, tell)
     tell("without the monitor's delay")
     out = climbed(clean, start, rng, tell, others, other[0])
     out.said = [*out.said, other[1]]
+    return out
+
+
+def _at_their_reaches(out: Climbed, tell: Callable[[str], None]) -> Climbed:
+    tell("how far laws reach")
+    out.ladder, out.spread = at_their_reaches(out.space, out.ladder)
     return out

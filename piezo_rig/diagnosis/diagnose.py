@@ -25,7 +25,7 @@ from piezo_rig.diagnosis.follow_up import FollowUp, follow_up
 from piezo_rig.diagnosis.groups import Groups, group_tracks
 from piezo_rig.diagnosis.held_out import Errors, gain, held_out_errors, refold
 from piezo_rig.diagnosis.isolability import Workings
-from piezo_rig.diagnosis.reaches import Intervals, over_reaches
+from piezo_rig.diagnosis.reaches import Intervals
 from piezo_rig.diagnosis.refit import Fitted, refit, settle
 from piezo_rig.diagnosis.scan import LEVEL
 from piezo_rig.diagnosis.space import Space
@@ -177,10 +177,7 @@ def diagnose(
     tell("what can be told apart")
     last = ladder.last
     settle(space, last.point)
-    spread: Intervals = {}
-    for step in steps:
-        spread |= over_reaches(space, last, step.cause)
-    settle(space, last.point)
+    spread = search.spread
     model = final_model(last, name, spread)
     confused: dict[str, list[str]] = {}
     for i, step in enumerate(steps):

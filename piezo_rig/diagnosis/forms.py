@@ -79,8 +79,8 @@ def reached(space: Space, fitted: Fitted, id: str, than: Fitted) -> Fitted:
     if not isinstance(stage, Cause) or stage.scanned[0] not in stage.parameters:
         return fitted
     if "taper" not in stage.parameters or fitted.evidence <= than.evidence + PLAIN:
-        return _summit(space, fitted, id)
-    summits = [_summit(space, _tied(space, f, id), id) for f in _forms(space, fitted, id, than)]
+        return summit(space, fitted, id)
+    summits = [summit(space, _tied(space, f, id), id) for f in _forms(space, fitted, id, than)]
     return max(summits, key=lambda f: f.evidence - FADES * _taper(f, id))
 
 
@@ -90,7 +90,7 @@ def _taper(fitted: Fitted, id: str) -> float:
     return stage["taper"]
 
 
-def _summit(space: Space, fitted: Fitted, id: str) -> Fitted:
+def summit(space: Space, fitted: Fitted, id: str) -> Fitted:
     """Where the evidence is largest over the scanned parameter, from where it stands."""
     stage = fitted.point.model.stage(id)
     assert isinstance(stage, Cause)

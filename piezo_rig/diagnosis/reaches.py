@@ -1,9 +1,10 @@
-"""How well the data know a law whose reach they hardly know.
+"""At which reach a law of the first spring holds, and how well the data know that.
 
-About a fit everything is linear but for one thing: how far after a turning point a law of the first
-spring holds. A law that holds half as far is about twice as strong, and its constant part runs
-away as the reach goes to nothing. Where the reach is uncertain by a good part of itself, intervals
-are those of a mixture: a fit for every reach that the data allow, weighed by its evidence.
+About a fit everything is linear but for one thing: how far after a turning point such a law holds,
+and whether it ends there or fades out. The evidence has several summits over that, and between
+them the law is a different one: half as far it is about twice as strong, and its constant part
+runs away as the reach goes to nothing. So at the end all reaches that the data allow are fitted,
+the best is kept, and intervals are those of the mixture, every fit weighed by its evidence.
 """
 
 from __future__ import annotations
@@ -18,59 +19,93 @@ from scipy.optimize import brentq
 
 from piezo_rig.causes.cause import Cause, FirstSpring
 from piezo_rig.diagnosis.first_spring import offset_of
-from piezo_rig.diagnosis.forms import at_values
-from piezo_rig.diagnosis.refit import Fitted
+from piezo_rig.diagnosis.forms import FADES, at_values, summit
+from piezo_rig.diagnosis.ladder import Ladder
+from piezo_rig.diagnosis.refit import Fitted, refit
 from piezo_rig.diagnosis.space import Space
 
 FloatArray = NDArray[np.float64]
 Intervals = dict[tuple[str, str], tuple[float, float]]  # of (stage, parameter)
-SHARP = 0.1  # standard error of a reach, of itself, up to which it is left as it is
-STEP, MOST = 2.0**0.25, 10  # between reaches, and how many to either side
-NEGLIGIBLE = 6.0  # log-likelihood below the best
+STEP = 2.0**0.25  # between reaches
+LEAST, MOST = 4, 10  # steps to either side
+NEGLIGIBLE = 7.0  # log-likelihood below the best
+BETTER = 0.5  # log-likelihood that another reach must be better by
 TAIL = 0.025
 
 
-def over_reaches(space: Space, fitted: Fitted, id: str) -> Intervals:
-    """Intervals (95 %) of a law's parameters, its constant part included; none where linear ones
-    do.
+def at_their_reaches(space: Space, ladder: Ladder) -> tuple[Ladder, Intervals]:
+    """The ladder with every law of its last rung at its best reach, and intervals (95 %)."""
+    spread: Intervals = {}
+    for id in [s.cause for s in ladder.steps]:
+        fitted, found = over_reaches(space, ladder.last, id)
+        if fitted is not ladder.last:
+            steps = (*ladder.steps[:-1], replace(ladder.steps[-1], fitted=fitted))
+            ladder = replace(ladder, steps=steps)
+        spread |= found
+    return ladder, spread
+
+
+def over_reaches(space: Space, fitted: Fitted, id: str) -> tuple[Fitted, Intervals]:
+    """The fit at a law's best reach, and intervals of its parameters, the constant part included;
+    none for what is no such law.
     """
     stage = fitted.point.model.stage(id)
     names = [n for i, n in fitted.point.names if i == id]
     if not isinstance(stage, Cause) or "reach" not in names or fitted.point.fixed:
-        return {}
-    at = fitted.point.names.index((id, "reach"))
-    if np.sqrt(max(fitted.covariance[at, at], 0.0)) < SHARP * stage["reach"]:
-        return {}
-    tried = [fitted, *_towards(space, fitted, id, STEP), *_towards(space, fitted, id, 1.0 / STEP)]
-    best = max(f.evidence for f in tried)
-    weights = np.array([np.exp(f.evidence - best) for f in tried])
+        return fitted, {}
+    tried = _all_about(space, fitted, id)
+    other = at_values(space, fitted, id, {"taper": 1.0 - stage["taper"]})
+    if other is not fitted:
+        tried += _all_about(space, other, id)
+    for taper in (0.0, 1.0):
+        same = [f for f in tried if _stage(f, id)["taper"] == taper]
+        if same:
+            tried.append(summit(space, max(same, key=lambda f: f.evidence), id))
+    worth = np.array([f.evidence - FADES * _stage(f, id)["taper"] for f in tried])
+    best = tried[int(np.argmax(worth))]
+    if worth.max() > worth[0] + BETTER:
+        fitted = refit(space, best.point, steps=2, held=True)
+    kept = [k for k in range(len(tried)) if worth[k] > worth.max() - NEGLIGIBLE]
+    weights = np.exp(worth[kept] - worth.max()) * _widths([tried[k] for k in kept], id)
     weights /= weights.sum()
-    found = [_known(f, id, names) for f in tried]
-    out = {
-        (id, n): _interval(weights, [k[n] for k in found])
-        for n in found[0] if n != "reach"
-    }  # fmt: skip
-    reaches = [(_reach(f, id), _reach(f, id) * np.log(STEP) / 2.0) for f in tried]
-    return out | {(id, "reach"): _interval(weights, reaches)}
+    found = [_known(tried[k], id, names) for k in kept]
+    return fitted, {
+        (id, n): _interval(weights, [k[n] for k in found]) for n in found[0]
+    }
 
 
-def _towards(space: Space, fitted: Fitted, id: str, factor: float) -> list[Fitted]:
-    """Fits for reach after reach, until the data allow no more."""
-    out: list[Fitted] = []
-    best, here = fitted.evidence, fitted
-    for _ in range(MOST):
-        there = at_values(space, here, id, {"reach": factor * _reach(here, id)})
-        if there is here or there.evidence < best - NEGLIGIBLE:
-            break
-        best, here = max(best, there.evidence), there
-        out.append(there)
+def _all_about(space: Space, fitted: Fitted, id: str) -> list[Fitted]:
+    """Fits for reach after reach, to either side until the data allow no more."""
+    out, best = [fitted], fitted.evidence
+    for factor in (STEP, 1.0 / STEP):
+        here = fitted
+        for k in range(MOST):
+            there = at_values(space, here, id, {"reach": factor * _stage(here, id)["reach"]})
+            if there is here or (k >= LEAST and there.evidence < best - NEGLIGIBLE):
+                break
+            best, here = max(best, there.evidence), there
+            out.append(there)
     return out
 
 
-def _reach(fitted: Fitted, id: str) -> float:
+def _stage(fitted: Fitted, id: str) -> Cause:
     stage = fitted.point.model.stage(id)
-    assert stage is not None
-    return stage["reach"]
+    assert isinstance(stage, Cause)
+    return stage
+
+
+def _widths(fits: Sequence[Fitted], id: str) -> FloatArray:
+    """What stretch of the logarithm of the reach each fit stands for, among those of its form."""
+    out = np.zeros(len(fits))
+    for taper in (0.0, 1.0):
+        own = [k for k, f in enumerate(fits) if _stage(f, id)["taper"] == taper]
+        at = np.array([np.log(_stage(fits[k], id)["reach"]) for k in own])
+        order = np.argsort(at)
+        edges = np.concatenate([[-np.inf], 0.5 * np.diff(at[order]) + at[order][:-1], [np.inf]])
+        half, at = 0.5 * np.log(STEP), at[order]
+        low, high = np.maximum(edges[:-1], at - half), np.minimum(edges[1:], at + half)
+        out[[own[k] for k in order]] = np.maximum(high - low, 1e-9)
+    return out
 
 
 def _known(fitted: Fitted, id: str, names: Sequence[str]) -> dict[str, tuple[float, float]]:
@@ -83,6 +118,9 @@ def _known(fitted: Fitted, id: str, names: Sequence[str]) -> dict[str, tuple[flo
     fitted = replace(fitted, covariance=given)
     out = {}
     for n in names:
+        if n == "reach":
+            out[n] = stage[n], stage[n] * np.log(STEP) / 4.0
+            continue
         k = fitted.point.names.index((id, n))
         out[n] = stage[n], float(np.sqrt(max(given[k, k], 0.0)))
     if isinstance(stage, FirstSpring):
