@@ -114,5 +114,7 @@ def climbed(
 
 def _at_their_reaches(out: Climbed, tell: Callable[[str], None]) -> Climbed:
     tell("how far laws reach")
-    out.ladder, out.spread = at_their_reaches(out.space, out.ladder)
+    out.ladder, out.spread = at_their_reaches(
+        out.space, out.ladder, lambda fitted: out.errors(fitted).rms_nm
+    )
     return out

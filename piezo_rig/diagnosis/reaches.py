@@ -9,7 +9,7 @@ the best is kept, and intervals are those of the mixture, every fit weighed by i
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -27,18 +27,26 @@ from piezo_rig.diagnosis.space import Space
 FloatArray = NDArray[np.float64]
 Intervals = dict[tuple[str, str], tuple[float, float]]  # of (stage, parameter)
 STEP = 2.0**0.25  # between reaches
-LEAST, MOST = 4, 10  # steps to either side
-NEGLIGIBLE = 7.0  # log-likelihood below the best
+LEAST, MOST = 3, 10  # steps to either side
+NEGLIGIBLE = 6.0  # log-likelihood below the best
+WORSE = 1.01  # held-out error at another reach, of that before
 BETTER = 0.5  # log-likelihood that another reach must be better by
 TAIL = 0.025
 
 
-def at_their_reaches(space: Space, ladder: Ladder) -> tuple[Ladder, Intervals]:
-    """The ladder with every law of its last rung at its best reach, and intervals (95 %)."""
+def at_their_reaches(
+    space: Space, ladder: Ladder, held_out: Callable[[Fitted], float]
+) -> tuple[Ladder, Intervals]:
+    """The ladder with every law of its last rung at its best reach, and intervals (95 %).
+
+    ``held_out`` : rms error of a rung; what raises it is not the better reach
+    """
     spread: Intervals = {}
     for id in [s.cause for s in ladder.steps]:
         fitted, found = over_reaches(space, ladder.last, id)
         if fitted is not ladder.last:
+            if held_out(fitted) > WORSE * held_out(ladder.last):
+                continue
             steps = (*ladder.steps[:-1], replace(ladder.steps[-1], fitted=fitted))
             ladder = replace(ladder, steps=steps)
         spread |= found
@@ -57,11 +65,13 @@ def over_reaches(space: Space, fitted: Fitted, id: str) -> tuple[Fitted, Interva
     other = at_values(space, fitted, id, {"taper": 1.0 - stage["taper"]})
     if other is not fitted:
         tried += _all_about(space, other, id)
+    tried = [fitted, *(f for f in tried[1:] if _inside(f, id))]
+    most = max(_worth(f, id) for f in tried)
     for taper in (0.0, 1.0):
         same = [f for f in tried if _stage(f, id)["taper"] == taper]
-        if same:
+        if same and max(_worth(f, id) for f in same) > most - NEGLIGIBLE:
             tried.append(summit(space, max(same, key=lambda f: f.evidence), id))
-    worth = np.array([f.evidence - FADES * _stage(f, id)["taper"] for f in tried])
+    worth = np.array([_worth(f, id) for f in tried])
     best = tried[int(np.argmax(worth))]
     if worth.max() > worth[0] + BETTER:
         fitted = refit(space, best.point, steps=2, held=True)
@@ -92,6 +102,17 @@ def _stage(fitted: Fitted, id: str) -> Cause:
     stage = fitted.point.model.stage(id)
     assert isinstance(stage, Cause)
     return stage
+
+
+def _inside(fitted: Fitted, id: str) -> bool:
+    """Whether no parameter has run into its limit."""
+    stage = _stage(fitted, id)
+    return all(low < stage[n] < high for n, (low, high) in stage.limits.items())
+
+
+def _worth(fitted: Fitted, id: str) -> float:
+    """Log-likelihood; a law that fades out must say more."""
+    return fitted.evidence - FADES * _stage(fitted, id)["taper"]
 
 
 def _widths(fits: Sequence[Fitted], id: str) -> FloatArray:
