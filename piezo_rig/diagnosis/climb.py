@@ -36,6 +36,7 @@ FloatArray = NDArray[np.float64]
 MOST = 8  # findings
 DOUBTFUL = 1e-6  # chance of a false alarm above which a cause must predict unseen data better
 CLOSE, RUN_OFF = 0.4, 3  # share of the best score, and how many are refitted to compare
+FAR_BEHIND = 0.5  # of the best refit's gain: below it a rival's reach is not looked for
 LARGE = 300.0  # log-likelihood above which the linear start is not trusted
 OFF = 2.0  # an effect must be so many times what a law may be off by
 ROUNDS, FEW = 2, 3
@@ -234,14 +235,14 @@ class Search:
         result = found.result
         order = good[np.argsort(-result.excess[good])]
         close = [i for i in order if result.excess[i] >= CLOSE * result.excess[order[0]]][:RUN_OFF]
+        begun = [(int(i), f) for i in close if (f := self.refitted(here, found, int(i)))]
+        most = max((f.evidence - here.evidence for _, f in begun), default=0.0)
         tried: list[tuple[float, int, Fitted]] = []
-        for i in close:
-            fitted = self.refitted(here, found, int(i))
-            if fitted is not None:
+        for i, fitted in begun:
+            if fitted.evidence - here.evidence >= FAR_BEHIND * most:
                 fitted = reached(self.space, fitted, result.ids[i], here)
-                chance = 2.0 * result.null_median[i] + worth_needed(fitted, result.ids[i])
-                worth = fitted.evidence - here.evidence - chance
-                tried.append((worth, int(i), fitted))
+            chance = 2.0 * result.null_median[i] + worth_needed(fitted, result.ids[i])
+            tried.append((fitted.evidence - here.evidence - chance, i, fitted))
         for worth, i, fitted in sorted(self.carrying(tried), key=lambda t: -t[0]):
             id = result.ids[i]
             if worth <= 0.0:

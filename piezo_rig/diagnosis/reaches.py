@@ -29,6 +29,7 @@ Intervals = dict[tuple[str, str], tuple[float, float]]  # of (stage, parameter)
 STEP = 2.0**0.25  # between reaches
 LEAST, MOST = 3, 10  # steps to either side
 NEGLIGIBLE = 6.0  # log-likelihood below the best
+FAR = 60.0  # the same of a form, at the other one's reach, that is not looked at further
 WORSE = 1.01  # held-out error at another reach, of that before
 BETTER = 0.5  # log-likelihood that another reach must be better by
 TAIL = 0.025
@@ -63,7 +64,8 @@ def over_reaches(space: Space, fitted: Fitted, id: str) -> tuple[Fitted, Interva
         return fitted, {}
     tried = _all_about(space, fitted, id)
     other = at_values(space, fitted, id, {"taper": 1.0 - stage["taper"]})
-    if other is not fitted:
+    least = max(_worth(f, id) for f in tried) - FAR
+    if other is not fitted and _worth(other, id) > least:
         tried += _all_about(space, other, id)
     tried = [fitted, *(f for f in tried[1:] if _inside(f, id))]
     most = max(_worth(f, id) for f in tried)
