@@ -7,7 +7,7 @@ INSTALLED := $(VENV)/.installed
 READY := $(VENV)/.ready
 RUNS ?= runs
 
-.PHONY: demo test lint types layers check wheel bench-figures docs study study-thesis study-identification study-diagnosis study-kills study-endurance study-causes study-fuzz study-actuators study-compensation clean help
+.PHONY: demo test lint types layers check wheel bench-figures docs study study-recordings study-thesis study-identification study-diagnosis study-kills study-endurance study-causes study-fuzz study-actuators study-compensation clean help
 
 demo: $(READY)  ## play quick_look on the simulated bench: run, model, figures, ladder, report
 	$(BIN)/piezo-rig run quick_look --out $(RUNS)
@@ -28,8 +28,8 @@ layers: $(INSTALLED)  ## who may import whom
 
 check: lint types layers test  ## everything that CI looks at, but the wheel
 
-wheel: $(INSTALLED)  ## build the wheel, install it elsewhere, run it in an empty folder
-	PYTHON=$(PYTHON) BUILD=$(abspath $(BIN))/python tests/wheel/try_wheel.sh
+wheel:  ## build the wheel, install it elsewhere, run it in an empty folder
+	PYTHON=$(PYTHON) tests/wheel/try_wheel.sh
 
 bench-figures: $(READY)  ## speed, as ratios to named references
 	$(BIN)/python -m benchmarks $(if $(PEER_PYTHON),--peer-python $(PEER_PYTHON))
@@ -43,7 +43,7 @@ $(READY): $(INSTALLED)
 	$(BIN)/python -m piezo_rig.warm_up
 	touch $@
 
-study: study-thesis study-identification study-diagnosis study-kills study-endurance study-causes study-fuzz study-actuators study-compensation  ## everything that docs/ claims, measured again
+study: study-recordings study-thesis study-identification study-diagnosis study-kills study-endurance study-causes study-fuzz study-actuators study-compensation  ## everything that docs/ claims, measured again
 
 study-identification: $(READY)  ## do the bands of an identification hold? docs/identification.md
 	$(BIN)/python -m piezo_rig.studies.identification
@@ -62,6 +62,9 @@ study-diagnosis: $(READY)  ## hidden effects, pairs, triples, nulls and stranger
 	$(HIDDEN) run $(PLAYED) --kinds triple --seeds 900:904 --noises white,1/f --d-prime 40 --out $(ROWS)/triples.jsonl
 	$(HIDDEN) run $(PLAYED) --kinds stranger --seeds 900:910 --noises white --d-prime 60 --out $(ROWS)/strangers.jsonl
 	$(HIDDEN) document $(addprefix $(ROWS)/,nulls.jsonl effects.jsonl fixed.jsonl pairs.jsonl triples.jsonl strangers.jsonl) --out docs/diagnosis.md
+
+study-recordings: $(READY)  ## real recordings in full, a minute
+	$(BIN)/python -m pytest -m study
 
 study-causes: $(READY)  ## which cause is taken for which under which protocol, docs/causes.md
 	$(BIN)/python -m piezo_rig.studies.causes

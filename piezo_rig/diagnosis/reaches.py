@@ -23,6 +23,7 @@ from piezo_rig.diagnosis.forms import FADES, at_values, summit
 from piezo_rig.diagnosis.ladder import Ladder
 from piezo_rig.diagnosis.refit import Fitted, refit
 from piezo_rig.diagnosis.space import Space
+from piezo_rig.errors import InputError
 
 FloatArray = NDArray[np.float64]
 Intervals = dict[tuple[str, str], tuple[float, float]]  # of (stage, parameter)
@@ -44,7 +45,10 @@ def at_their_reaches(
     """
     spread: Intervals = {}
     for id in [s.cause for s in ladder.steps]:
-        fitted, found = over_reaches(space, ladder.last, id)
+        try:
+            fitted, found = over_reaches(space, ladder.last, id)
+        except (InputError, np.linalg.LinAlgError):
+            continue  # what cannot be played elsewhere stays where it is
         if fitted is not ladder.last:
             if held_out(fitted) > WORSE * held_out(ladder.last):
                 continue

@@ -36,6 +36,7 @@ from piezo_rig.identification.uncertainty import linearised
 FloatArray = NDArray[np.float64]
 HELPS = 0.9  # rms with a bend, of that without, above which nothing is told
 ROUNDS = 2
+TOO_SMALL = 1e-5  # of the travel: what no bend is looked for in
 RIDGE = 1e-10  # of the scaled Gram matrix
 
 
@@ -67,6 +68,8 @@ def bent(
     one_curve, laws, elements : as it was fitted
     """
     few = beginnings(data.one_repeat())
+    if rms(few, residuals(few, fit.curves)) < TOO_SMALL * data.travel_um:
+        return None
     low = min(float(t.drive_v.min()) for t in few.tracks)
     span = max(float(t.drive_v.max()) for t in few.tracks) - low
     powers = [[((t.drive_v - low) / span) ** p for t in few.tracks] for p in POWERS.values()]
@@ -136,7 +139,9 @@ def _bend_of(
         gram += fit.prior.penalty(x.size) * part
     # what the curves cannot do of the powers, and what of the data is like that
     solved = _solved(gram, np.column_stack([cross, target]))
-    rest = of_powers @ of_powers.T - cross.T @ solved[:, :-1]
+    whole = of_powers @ of_powers.T
+    rest = whole - cross.T @ solved[:, :-1]
+    rest[np.diag(rest) <= RIDGE * np.diag(whole)] = 0.0  # what the curves can do altogether
     z = of_powers @ _flat(few, left) + cross.T @ (x - solved[:, -1])
     values = _solved(rest, z[:, None])[:, 0]
     moved = solve_bounded(gram, target - cross @ values, curves.bounded(False), floor_of(few))

@@ -177,7 +177,10 @@ def _with_bent(
     """With the same fit beside a bend in its provenance, where that is nearer to the data."""
     name = built.name
     one_curve = "initiation-stage" not in NAMED_MODELS[name]
-    found = bent(data, fit, one_curve, laws, elements)
+    try:
+        found = bent(data, fit, one_curve, laws, elements)
+    except (InputError, np.linalg.LinAlgError, RuntimeError):
+        found = None  # data that bear this model and no more
     if found is None:
         return built
     reach = max(data.first_reach_v, data.later_reach_v / 2.0)

@@ -6,9 +6,10 @@ set -euo pipefail
 checkout=$(cd "$(dirname "$0")/../.." && pwd)
 scratch=$(mktemp -d)
 trap 'rm -rf "$scratch"' EXIT
-"${BUILD:-python3}" -m build --quiet --wheel --outdir "$scratch/dist" "$checkout" >"$scratch/build.log" 2>&1 \
-    || { cat "$scratch/build.log"; exit 1; }
 "${PYTHON:-python3.11}" -m venv "$scratch/venv"
+"$scratch/venv/bin/python" -m pip wheel --quiet --disable-pip-version-check --no-deps \
+    --wheel-dir "$scratch/dist" "$checkout" >"$scratch/build.log" 2>&1 \
+    || { cat "$scratch/build.log"; exit 1; }
 "$scratch/venv/bin/python" -m pip install --quiet --no-compile --disable-pip-version-check \
     -c "$checkout/constraints.txt" "$scratch"/dist/*.whl
 mkdir "$scratch/empty"
