@@ -15,6 +15,7 @@ SWITCH = 3.99  # neighbouring positions of the sensitivity switch
 UNLIKE = 0.05  # of the travel: repeats differ by no more
 BAD = 0.3  # of the travel
 FURTHER = 1.3  # times what a given model was off by where it was identified
+FAR_OFF = 3.0  # times the noise, where it was identified
 
 
 def data_warnings(groups: Groups, sweeps: Sequence[Sweep]) -> list[str]:
@@ -87,4 +88,15 @@ def further_off(own_nm: float, left_nm: float) -> list[str]:
         f"the given model was off by {own_nm:.3g} nm rms where it was identified and is off by "
         f"{left_nm:.3g} nm here, with everything that was found: something has changed that these "
         "data do not name, or these drives ask more of it than those did"
+    ]
+
+
+def far_off(own_nm: float, floor_nm: float | None) -> list[str]:
+    """What to say of a given model that was far off where it was identified."""
+    if floor_nm is None or not np.isfinite(own_nm) or own_nm < FAR_OFF * floor_nm:
+        return []
+    return [
+        f"the given model was off by {own_nm:.3g} nm where it was identified, at a noise of "
+        f"{floor_nm:.3g} nm: it lacks causes, and what is found, or called unexplained, may be "
+        "those and not news; a model by `diagnose --save-model` of those recordings has them"
     ]

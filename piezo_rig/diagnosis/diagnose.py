@@ -12,7 +12,7 @@ import numpy as np
 from piezo_rig.causes import CAUSES, named_model
 from piezo_rig.causes.cause import Cause, FirstSpring
 from piezo_rig.chain import Model, Parameter
-from piezo_rig.diagnosis.checks import baseline_warnings, data_warnings, further_off
+from piezo_rig.diagnosis.checks import baseline_warnings, data_warnings, far_off, further_off
 from piezo_rig.diagnosis.climb import BEND
 from piezo_rig.diagnosis.climbed import climbed
 from piezo_rig.diagnosis.confusion import confusion
@@ -161,6 +161,7 @@ def diagnose(
          *(errors(s.fitted) for s in steps)],
         rng,
     )  # fmt: skip
+    notes += far_off(1e3 * space.own_um, floor)
     notes += further_off(1e3 * space.own_um, rungs[-1].rms_nm)
     if kind != folds and folds in ("condition", "sweep"):
         ends = [held_out_errors(space, f, folds).rms_nm for f in (search.first, ladder.last)]

@@ -8,6 +8,7 @@ import pytest
 
 from piezo_rig.causes import load_model
 from piezo_rig.diagnosis import diagnose
+from piezo_rig.diagnosis.checks import far_off
 from piezo_rig.diagnosis.groups import group_tracks
 from piezo_rig.identification import identify, prepare, save_model
 from piezo_rig.studies.hidden import draw
@@ -93,6 +94,12 @@ def test_a_gain_that_leaves_the_offset_right_is_told_from_a_scale_by_the_bend(se
     assert finding.cause == "drive-gain"
     assert finding.parameters["ratio"].value == pytest.approx(0.99, abs=1e-3)
     assert finding.parameters["stays_v"].value == 75.0
+
+
+def test_a_given_model_that_was_far_off_by_itself_is_said_to_lack_causes():
+    (said,) = far_off(45.0, 3.0)
+    assert "45 nm" in said and "--save-model" in said
+    assert far_off(4.0, 3.0) == [] == far_off(45.0, None) == far_off(float("inf"), 3.0)
 
 
 def test_another_session_of_the_same_actuator_is_no_finding(calibrated):
