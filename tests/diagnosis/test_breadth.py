@@ -98,7 +98,8 @@ def test_a_gain_that_leaves_the_offset_right_is_told_from_a_scale_by_the_bend(se
 
 def test_a_given_model_that_was_far_off_by_itself_is_said_to_lack_causes():
     (said,) = far_off(45.0, 3.0)
-    assert "45 nm" in said and "--save-model" in said
+    assert "45 nm" in said
+    assert "--save-model" in said
     assert far_off(4.0, 3.0) == [] == far_off(45.0, None) == far_off(float("inf"), 3.0)
 
 
