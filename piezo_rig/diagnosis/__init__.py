@@ -4,10 +4,12 @@
 recordings in clock time, ``noise`` measures the spectrum, ``fit`` and ``refit`` know the model's
 tangent, ``dictionary`` what a misfit may look like, ``space`` and ``likelihood`` turn all that
 into small matrices and decide, ``climb`` is the forward selection, ``held_out``, ``confusion``,
-``unexplained`` and ``follow_up`` say what it is worth. No cause is known here by its physics.
+``unexplained`` and ``follow_up`` say what it is worth; ``given`` and ``since`` are for given models
+that lack causes. No cause is known here by its physics.
 """
 
-from piezo_rig.diagnosis.diagnose import Diagnosis, Finding, diagnose
+from piezo_rig.diagnosis.diagnose import diagnose
 from piezo_rig.diagnosis.document import document, text
+from piezo_rig.diagnosis.found import Diagnosis, Finding
 
 __all__ = ["Diagnosis", "Finding", "diagnose", "document", "text"]

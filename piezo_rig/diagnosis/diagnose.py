@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -18,10 +18,11 @@ from piezo_rig.diagnosis.climbed import climbed
 from piezo_rig.diagnosis.confusion import confusion
 from piezo_rig.diagnosis.early import HUM, TRIED, clean_up, find_line, hum_again, read_monitor
 from piezo_rig.diagnosis.engine import plain_space
-from piezo_rig.diagnosis.events import Event
 from piezo_rig.diagnosis.first_spring import offset_of, with_offset
 from piezo_rig.diagnosis.fit import Point, starting_model
-from piezo_rig.diagnosis.follow_up import FollowUp, follow_up
+from piezo_rig.diagnosis.follow_up import follow_up
+from piezo_rig.diagnosis.found import Diagnosis, Finding, Rung
+from piezo_rig.diagnosis.given import against_lacking
 from piezo_rig.diagnosis.groups import Groups, group_tracks
 from piezo_rig.diagnosis.held_out import Errors, gain, held_out_errors, refold
 from piezo_rig.diagnosis.isolability import Workings
@@ -29,61 +30,13 @@ from piezo_rig.diagnosis.reaches import Intervals
 from piezo_rig.diagnosis.refit import Fitted, refit, settle
 from piezo_rig.diagnosis.scan import LEVEL
 from piezo_rig.diagnosis.space import Space
-from piezo_rig.diagnosis.unexplained import Unexplained, unexplained, with_line
+from piezo_rig.diagnosis.unexplained import unexplained, with_line
 from piezo_rig.identification import prepare
 from piezo_rig.run_file.sweep import Sweep
 
 Tell = Callable[[str], None]
 SHARE = 0.2  # of the false alarms that a search of the raw recordings may take
 EVENTS = ("outliers", "fringe-jump", "dropped-samples")  # nothing foretells them: no gain
-
-
-@dataclass(frozen=True, eq=False)
-class Finding:
-    """One accepted cause; fields as in the diagnosis JSON."""
-
-    cause: str
-    place: str
-    p_value: float
-    gain_percent: float | None
-    gain_ci95: list[float] | None
-    parameters: dict[str, Parameter]
-    alternatives: list[str]
-    d_prime: float | None = None
-    events: tuple[Event, ...] = ()  # one by one, where the cause is events
-
-
-@dataclass(frozen=True, eq=False)
-class Rung:
-    """One step of the ladder: what was added, and the errors with it, held out."""
-
-    added: str
-    rms_nm: float
-    max_percent: float
-    finding: int | None = None  # which finding it is; none for the baseline and its bend
-
-
-@dataclass(frozen=True, eq=False)
-class Diagnosis:
-    """Everything that a diagnosis says."""
-
-    sweeps: int
-    samples: int
-    repeats: int
-    held_out: str
-    recordings: list[tuple[str, float]]
-    baseline: str
-    rungs: list[Rung]
-    noise_floor_nm: float | None
-    findings: list[Finding]
-    unexplained: Unexplained
-    follow_up: FollowUp | None
-    model: Model
-    rung_models: list[Model]
-    notes: list[str] = field(default_factory=list)
-    warnings: list[str] = field(default_factory=list)
-    refused: dict[str, str] = field(default_factory=dict)
-    workings: Workings | None = None  # for a report
 
 
 def diagnose(
@@ -105,6 +58,18 @@ def diagnose(
     InputError : data that cannot be diagnosed, in words
     """
     tell = tell or (lambda text: None)
+    if isinstance(baseline, Model):
+        found = against_lacking(
+            sweeps, baseline, seed, lambda them, name: _diagnosed(them, name, seed, tell), tell
+        )
+        if found is not None:
+            return found
+    return _diagnosed(sweeps, baseline, seed, tell)
+
+
+def _diagnosed(
+    sweeps: Sequence[Sweep], baseline: str | Model, seed: int, tell: Tell
+) -> Diagnosis:
     rng = np.random.default_rng(seed)
     data = prepare(sweeps, first_rises=True, clipped=True)
     raw = group_tracks(data, sweeps)

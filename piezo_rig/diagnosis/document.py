@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 
 from piezo_rig.chain import Parameter
-from piezo_rig.diagnosis.diagnose import Diagnosis, Finding
 from piezo_rig.diagnosis.early.reported import Several
 from piezo_rig.diagnosis.events import LISTED, Event, in_all, size_text, where_text
+from piezo_rig.diagnosis.found import Diagnosis, Finding
 
 SCHEMA = "piezo-rig/diagnosis/1"
 PRINTED = 20  # events of one cause, in a terminal

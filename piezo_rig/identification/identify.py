@@ -19,6 +19,7 @@ from piezo_rig.identification.bent import bent
 from piezo_rig.identification.data import Data, prepare
 from piezo_rig.identification.folds import Folds
 from piezo_rig.identification.normal import finer, rms
+from piezo_rig.identification.recorded import recorded
 from piezo_rig.identification.scores import Scores, held_out_scores, scores
 from piezo_rig.identification.tied import FINE_PIECES as TIED_PIECES
 from piezo_rig.identification.uncertainty import Bands, bands, linearised
@@ -105,7 +106,8 @@ def identify(
     provenance |= {"drive_v": [float(min(ends)), float(max(ends))]}
     provenance |= {"known_v": data.known_v(one_curve)}  # `simulate` warns beyond
     if scheme == "slopes":
-        return _by_slopes(data, model, one_curve, laws, elements, provenance)
+        found = _by_slopes(data, model, one_curve, laws, elements, provenance)
+        return replace(found, model=_with_recorded(found.model, sweeps))
     fit = least_squares.fit(data, one_curve, laws, elements, tell)
     tell("uncertainty", 0.85)
     fine, owner = finer(data, fit.pieces, TIED_PIECES if fit.prior else FINE_PIECES)
@@ -128,6 +130,7 @@ def identify(
     fitted = scores(data, built.branches())
     built = _off_by(built, held or fitted)
     built = _with_bent(data, fit, built, elements, laws)
+    built = _with_recorded(built, sweeps)
     notes = [*data.left_out, *fit.notes, *_bend_said(built), *_unexplained(data, fitted)]
     return Identification(
         built, scheme, fitted, held, fit.folds.kind, band, None, notes
@@ -168,6 +171,12 @@ def _by_slopes(
 def _off_by(model: Model, scores: Scores) -> Model:
     """The model, with how far off it is: what it is held to when later data are held against it."""
     return model.with_(provenance=model.provenance | {"rms_nm": round(scores.rms_nm, 4)})
+
+
+def _with_recorded(model: Model, sweeps: Sequence[Sweep]) -> Model:
+    """With what it was identified from: the yardstick for later recordings of the same drives."""
+    said = [r.to_dict() for r in recorded(sweeps)]
+    return model.with_(provenance=model.provenance | {"recorded": said})
 
 
 def _with_bent(

@@ -14,9 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from piezo_rig.chain.bend import Bend
-from piezo_rig.diagnosis.diagnose import Diagnosis, Finding, Rung
 from piezo_rig.diagnosis.events import LISTED, in_all
+from piezo_rig.diagnosis.found import NO_FINDINGS, Diagnosis, Finding, Rung
 from piezo_rig.report.figures import ERROR, MEASURED, save
 
 GOOD, BASE, WORSE, QUIET = "#2f7d4f", "#8a8f98", "#c8551b", "#5c6470"
@@ -81,8 +80,8 @@ def _rows(found: Diagnosis) -> list[_Row]:
         small, gain = [], ""
         if i == 0:
             small = ["the baseline"]
-        elif rung.added == Bend.id:
-            small = ["part of the base model"]
+        elif rung.added in NO_FINDINGS:
+            small = [NO_FINDINGS[rung.added]]
         if finding is not None:
             small, gain = _small_print(finding), _gain(finding)
         rows.append(_Row(name, small, gain, rung, finding is None))

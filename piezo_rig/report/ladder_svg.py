@@ -6,8 +6,8 @@ from html import escape
 
 import numpy as np
 
-from piezo_rig.chain.bend import Bend
 from piezo_rig.diagnosis import Diagnosis
+from piezo_rig.diagnosis.found import NO_FINDINGS
 from piezo_rig.report.svg import number
 from piezo_rig.report.words import gain_text, nm
 
@@ -71,8 +71,8 @@ def ladder_svg(found: Diagnosis) -> str:
             gain, kind = gain_text(finding).replace("95 %: ", ""), "figure"
             if finding.events:
                 gain = f"{len(finding.events)} event{'' if len(finding.events) == 1 else 's'}"
-        elif rung.added == Bend.id:
-            gain = "part of the base model"
+        elif rung.added in NO_FINDINGS:
+            gain = NO_FINDINGS[rung.added]
         out += [_text(RMS, y + 5, f"{rung.rms_nm:.2f}", "figure", "end"),
                 _text(WORST, y + 5, f"{rung.max_percent:.2f}", "figure", "end"),
                 _text(GAIN, y + 5, gain, kind)]  # fmt: skip

@@ -13,8 +13,8 @@ import pytest
 
 from piezo_rig import diagnosis
 from piezo_rig.cli import main
-from piezo_rig.diagnosis.diagnose import Diagnosis, Finding, Rung
 from piezo_rig.diagnosis.follow_up import FollowUp, decide
+from piezo_rig.diagnosis.found import Diagnosis, Finding, Rung
 from piezo_rig.diagnosis.unexplained import Unexplained
 from piezo_rig.run_file.reader import Run
 

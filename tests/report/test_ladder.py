@@ -8,7 +8,7 @@ import pytest
 
 from piezo_rig.causes import load_model
 from piezo_rig.chain import Parameter
-from piezo_rig.diagnosis.diagnose import Diagnosis, Finding, Rung
+from piezo_rig.diagnosis.found import Diagnosis, Finding, Rung
 from piezo_rig.diagnosis.unexplained import Unexplained
 from piezo_rig.errors import BenchError
 from piezo_rig.report import ladder

@@ -1,0 +1,63 @@
+"""What a diagnosis says, as data."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from piezo_rig.chain import Model, Parameter
+from piezo_rig.chain.bend import Bend
+from piezo_rig.diagnosis.events import Event
+from piezo_rig.diagnosis.follow_up import FollowUp
+from piezo_rig.diagnosis.isolability import Workings
+from piezo_rig.diagnosis.unexplained import Unexplained
+
+REFITTED = "refitted"  # the rung from which on a given model follows the data
+NO_FINDINGS = {Bend.id: "part of the base model", REFITTED: "follows the data from here on"}
+
+
+@dataclass(frozen=True, eq=False)
+class Finding:
+    """One accepted cause; fields as in the diagnosis JSON."""
+
+    cause: str
+    place: str
+    p_value: float
+    gain_percent: float | None
+    gain_ci95: list[float] | None
+    parameters: dict[str, Parameter]
+    alternatives: list[str]
+    d_prime: float | None = None
+    events: tuple[Event, ...] = ()  # one by one, where the cause is events
+
+
+@dataclass(frozen=True, eq=False)
+class Rung:
+    """One step of the ladder: what was added, and the errors with it, held out."""
+
+    added: str
+    rms_nm: float
+    max_percent: float
+    finding: int | None = None  # which finding it is; none for the baseline and `NO_FINDINGS`
+
+
+@dataclass(frozen=True, eq=False)
+class Diagnosis:
+    """Everything that a diagnosis says."""
+
+    sweeps: int
+    samples: int
+    repeats: int
+    held_out: str
+    recordings: list[tuple[str, float]]
+    baseline: str
+    rungs: list[Rung]
+    noise_floor_nm: float | None
+    findings: list[Finding]
+    unexplained: Unexplained
+    follow_up: FollowUp | None
+    model: Model
+    rung_models: list[Model]
+    notes: list[str] = field(default_factory=list)
+    warnings: list[str] = field(default_factory=list)
+    refused: dict[str, str] = field(default_factory=dict)
+    workings: Workings | None = None  # for a report
