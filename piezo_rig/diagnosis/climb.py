@@ -21,7 +21,7 @@ from piezo_rig.chain.model_file import bent_model
 from piezo_rig.diagnosis.confusion import strengths
 from piezo_rig.diagnosis.detours import detour, together
 from piezo_rig.diagnosis.fit import Point
-from piezo_rig.diagnosis.forms import beside_kinks, further, reached
+from piezo_rig.diagnosis.forms import beside_kinks, converged, further, reached
 from piezo_rig.diagnosis.held import own_um_of
 from piezo_rig.diagnosis.ladder import Ladder, Step
 from piezo_rig.diagnosis.likelihood import Likelihood, reduce
@@ -249,6 +249,8 @@ class Search:
                 why = "once refitted it says no more than the model without it"
                 self.bar(id, here, why, MUCH_NEARER)
                 continue
+            if fitted.evidence - here.evidence > LARGE:
+                fitted = converged(self.space, fitted)
             doubtful = family[i] > DOUBTFUL
             worse = self.worse(fitted, here, doubtful) or self.of_a_law(fitted, id)
             if worse is not None:

@@ -18,6 +18,7 @@ from piezo_rig.diagnosis.refit import Fitted, playable, refit, settle
 from piezo_rig.diagnosis.space import Space
 from piezo_rig.errors import InputError
 
+ONCE_MORE = 4
 BETTER = 3.0  # log-likelihood by which a refit from further out must be better
 PLAIN = 20.0  # log-likelihood above which all forms of a law are refitted
 SAME = 1.5  # steps of a scan over which one tangent serves
@@ -47,6 +48,20 @@ def further(space: Space, fitted: Fitted, id: str) -> Fitted:
             there = refit(space, replace(point, model=moved), held=True)
         except (InputError, np.linalg.LinAlgError):
             break  # nothing is left to fit so far out, as beyond a level that is reached
+        if there.evidence < fitted.evidence + BETTER:
+            break
+        fitted = there
+    return fitted
+
+
+def converged(space: Space, fitted: Fitted) -> Fitted:
+    """Refitted until nothing more is gained: what comes next is compared with this.
+
+    After a large effect a few steps from where it was put in are not enough, and whatever is tried
+    then is refitted as well, and would be paid for that.
+    """
+    for _ in range(ONCE_MORE):
+        there = refit(space, fitted.point, held=True)
         if there.evidence < fitted.evidence + BETTER:
             break
         fitted = there

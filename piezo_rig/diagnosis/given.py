@@ -27,7 +27,6 @@ from piezo_rig.diagnosis.refit import refit
 from piezo_rig.diagnosis.since import (
     GAIN,
     SCALE,
-    SMALL,
     Change,
     change_since,
     compared,
@@ -36,6 +35,7 @@ from piezo_rig.diagnosis.since import (
 from piezo_rig.identification import prepare
 from piezo_rig.run_file.sweep import Sweep
 
+PLAIN = 3.0  # times the noise: what has changed by so much is told, whatever it is
 Again = Callable[[Sequence[Sweep], str], Diagnosis]
 
 
@@ -49,7 +49,8 @@ def against_lacking(
     again : diagnoses recordings against a named model, which is refitted
     """
     groups = group_tracks(prepare(sweeps, first_rises=True, clipped=True), sweeps)
-    if not lacks_causes(model, noise_floor_nm(groups)):
+    floor_nm = noise_floor_nm(groups)
+    if floor_nm is None or not lacks_causes(model, floor_nm):
         return None
     tell("what has changed since")
     own_um = own_um_of(model)
@@ -65,12 +66,12 @@ def against_lacking(
         notes = [f"{lacks}; it does not say what was recorded for these drives, so gain and "
                  "sensitivity could not be held against it: play the drives that it was "
                  "identified from, or give a model by `diagnose --save-model`"]  # fmt: skip
-    elif both.changed_um > SMALL * own_um and not both.like_a_scale:
+    elif not both.like_a_scale and 1e3 * both.changed_um > PLAIN * floor_nm:
         notes.append(
             f"the displacement is no longer what was recorded for that model, by "
             f"{1e3 * both.changed_um:.3g} nm rms, and that is neither a gain nor a sensitivity"
         )
-    elif both.changed_um > SMALL * own_um:
+    elif both.like_a_scale and 1e3 * both.changed_um > floor_nm:
         # a gain looks nearly like a scale: only a complete model says what else it does
         right = _put_right(sweeps, CAUSES[SCALE].of(None, ratio=both.scale))
         found = again(right, model.name)

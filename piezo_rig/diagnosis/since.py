@@ -26,7 +26,6 @@ from piezo_rig.identification.recorded import Recorded, cells, recorded_of, toge
 from piezo_rig.run_file.sweep import Sweep
 
 FloatArray = NDArray[np.float64]
-SMALL = 0.1  # of what the model was off by: a smaller change is none
 LEFT = 0.3  # of the change may be left by what is to explain it
 UNITS = 8  # stretches of the recordings that are counted as one observation each, at least
 APART = 3.0  # standard errors between what two explanations leave
@@ -104,13 +103,12 @@ class Change:
     alternatives: tuple[str, ...]
 
 
-def lacks_causes(model: Model, floor_nm: float | None) -> bool:
+def lacks_causes(model: Model, floor_nm: float) -> bool:
     """Whether a given model by `identify` was far off even there, a bend beside it or not."""
     bent = model.provenance.get("bent")
     own_um = min(own_um_of(model), own_um_of(Model((), bent)) if isinstance(bent, dict) else np.inf)
-    if floor_nm is None or not np.isfinite(own_um) or model.name not in NAMED_MODELS:
-        return False
-    return 1e3 * own_um >= FAR_OFF * floor_nm
+    known = np.isfinite(own_um) and model.name in NAMED_MODELS
+    return bool(known and 1e3 * own_um >= FAR_OFF * floor_nm)
 
 
 def compared(groups: Groups, sweeps: Sequence[Sweep], model: Model) -> Compared | None:
