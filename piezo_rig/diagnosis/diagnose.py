@@ -26,6 +26,7 @@ from piezo_rig.diagnosis.given import against_lacking
 from piezo_rig.diagnosis.groups import Groups, group_tracks
 from piezo_rig.diagnosis.held_out import Errors, gain, held_out_errors, refold
 from piezo_rig.diagnosis.isolability import Workings
+from piezo_rig.diagnosis.memory import give_back
 from piezo_rig.diagnosis.reaches import Intervals
 from piezo_rig.diagnosis.refit import Fitted, refit, settle
 from piezo_rig.diagnosis.scan import LEVEL
@@ -57,14 +58,18 @@ def diagnose(
     ------
     InputError : data that cannot be diagnosed, in words
     """
-    tell = tell or (lambda text: None)
+    def step(text: str) -> None:
+        give_back()
+        if tell is not None:
+            tell(text)
+
     if isinstance(baseline, Model):
         found = against_lacking(
-            sweeps, baseline, seed, lambda them, name: _diagnosed(them, name, seed, tell), tell
+            sweeps, baseline, seed, lambda them, name: _diagnosed(them, name, seed, step), step
         )
         if found is not None:
             return found
-    return _diagnosed(sweeps, baseline, seed, tell)
+    return _diagnosed(sweeps, baseline, seed, step)
 
 
 def _diagnosed(

@@ -35,8 +35,8 @@ from piezo_rig.diagnosis.linear import (
 from piezo_rig.diagnosis.whitening import CellWhitener
 
 FloatArray = NDArray[np.float64]
-MOST_KNOWN, MOST_BANDS, MOST_LINEAR = 4, 6, 4  # kept
-MOST_GIVEN = 4  # of every group
+MOST_KNOWN, MOST_BANDS, MOST_LINEAR = 2, 3, 2  # kept: more is no faster, and half a GB each
+MOST_GIVEN = 2  # of every group
 NEAR = 0.15  # columns of a model whose numbers are this near serve as well
 THREADS = 2
 Made = TypeVar("Made")
