@@ -131,7 +131,8 @@ def _read(entry: Mapping[str, Any]) -> Recorded:
         int(entry["cell"]), int(entry["recordings"]), drive, displacement,
     )  # fmt: skip
     right = drive.ndim == 1 and drive.shape == displacement.shape and drive.size
-    counts = min(out.samples, out.cell, out.recordings) > 0 and out.sample_rate > 0.0
-    if not (right and counts and np.all(np.isfinite(drive + displacement))):
+    counts = min(out.cell, out.recordings) > 0 and out.samples // out.cell == drive.size
+    finite = np.all(np.isfinite(drive + displacement)) and 0.0 < out.sample_rate < np.inf
+    if not (right and counts and finite):
         raise ValueError("recorded")
     return out
