@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,12 +13,13 @@ from piezo_rig.chain import Model, Parameter, Stage
 from piezo_rig.diagnosis.groups import Groups
 
 FloatArray = NDArray[np.float64]
-FAR = 8.0  # robust standard deviations
+FAR, NEARER = 8.0, 5.5  # robust standard deviations: of the first, and where there are some
 SHARP = 0.5  # of a spike's height between neighbouring samples, on both sides
 BACK = 0.35  # of its height that a spike may leave behind
 NEAR = 41  # samples whose scatter a spike must stand out of
 LONGEST = 5  # samples; what lasts longer is no spike
 MOST = 0.02  # of all samples
+BY_CHANCE = 0.1  # of the spikes may be noise
 SMALLEST = 1e-5  # of the travel
 
 
@@ -66,13 +67,34 @@ class Spikes:
 
 
 def find_spikes(groups: Groups, model: Model) -> Spikes:
-    """Samples that stand far off their neighbours on both sides, against a model's prediction."""
+    """Samples that stand far off their neighbours on both sides, against a model's prediction.
+
+    A first one has to stand out of everything. Where there are such, what stands out of its
+    surroundings alone is one as well: a rate that counts the tall ones only is too low.
+    """
+    first = _found(groups, model, FAR)
+    if not first.spikes:
+        return first
+    every = _found(groups, model, NEARER)
+    return replace(every, p_value=first.p_value) if _credible(every, groups) else first
+
+
+def _credible(found: Spikes, groups: Groups) -> bool:
+    """Whether few of the spikes can be noise."""
+    samples = sum(g.measured_um.size for g in groups.groups)
+    return samples * 2.0 * float(stats.norm.sf(NEARER)) < BY_CHANCE * len(found.spikes)
+
+
+def _found(groups: Groups, model: Model, far: float) -> Spikes:
+    """All that stand out by so many standard deviations."""
     cleaned, spikes, seconds, samples = [], list[Spike](), 0.0, 0
     for g, group in enumerate(groups.groups):
         predicted = group.predicted(model)
-        marks = np.array([_marks(row - predicted, groups.travel_um) for row in group.measured_um])
+        marks = np.array([
+            _marks(row - predicted, groups.travel_um, far) for row in group.measured_um
+        ])
         if group.repeats > 1:  # what every repeat shows at the same place is no accident
-            marks &= np.array([_alone(group.measured_um, k) for k in range(group.repeats)])
+            marks &= np.array([_alone(group.measured_um, k, far) for k in range(group.repeats)])
         rows = []
         for r, (row, mark) in enumerate(zip(group.measured_um, marks, strict=True)):
             found = _events(mark)
@@ -82,7 +104,7 @@ def find_spikes(groups: Groups, model: Model) -> Spikes:
         cleaned.append(group.with_measured(np.array(rows)))
         seconds += group.repeats * float(group.time_s[-1] - group.time_s[0])
         samples += group.measured_um.size
-    chance, count = samples * 2.0 * float(stats.norm.sf(FAR)), len(spikes)
+    chance, count = samples * 2.0 * float(stats.norm.sf(far)), len(spikes)
     p = float(stats.poisson.sf(count - 1, max(chance, 1e-6))) if count else 1.0
     if count == 0:
         return Spikes(groups, (), seconds, 1.0)
@@ -94,14 +116,14 @@ def _off(values: FloatArray) -> FloatArray:
     return values - ndimage.median_filter(values, 2 * LONGEST + 1, mode="nearest")
 
 
-def _marks(residual: FloatArray, travel_um: float) -> NDArray[np.bool_]:
+def _marks(residual: FloatArray, travel_um: float, far: float) -> NDArray[np.bool_]:
     off = _off(residual)
     sigma = 1.4826 * float(np.median(np.abs(off)))
     # heavy tails and slow noise must not pass for spikes
     spread = (np.percentile(off, 99) - np.percentile(off, 1)) / 4.65
     # nor must a stretch that the model does badly, where each step of the drive shows
     local = 1.4826 * ndimage.median_filter(np.abs(off), NEAR, mode="nearest")
-    mark = np.abs(off) > FAR * np.maximum(local, max(sigma, float(spread), SMALLEST * travel_um))
+    mark = np.abs(off) > far * np.maximum(local, max(sigma, float(spread), SMALLEST * travel_um))
     mark[:2] = mark[-2:] = False
     edges = np.flatnonzero(np.diff(np.concatenate([[0], mark.astype(np.int8), [0]])))
     for a, b in zip(edges[::2], edges[1::2], strict=True):
@@ -121,14 +143,14 @@ def _sharp(residual: FloatArray, off: FloatArray, a: int, b: int) -> bool:
     return bool(min(steps) > SHARP * height and back < BACK * height)
 
 
-def _alone(rows: FloatArray, k: int) -> NDArray[np.bool_]:
+def _alone(rows: FloatArray, k: int, far: float) -> NDArray[np.bool_]:
     """Where recording k stands off the mean of the others as well."""
     apart = rows[k] - np.delete(rows, k, axis=0).mean(axis=0)
     off = _off(apart)
     sigma = 1.4826 * float(np.median(np.abs(off)))
     # a coarse sensor repeats itself exactly most of the time
     spread = (np.percentile(off, 99) - np.percentile(off, 1)) / 4.65
-    return np.asarray(np.abs(off) > 0.75 * FAR * max(sigma, float(spread)))
+    return np.asarray(np.abs(off) > 0.75 * far * max(sigma, float(spread)))
 
 
 def _events(mark: NDArray[np.bool_]) -> list[tuple[int, int]]:
