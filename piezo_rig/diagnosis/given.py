@@ -21,7 +21,7 @@ from piezo_rig.diagnosis.engine import plain_space
 from piezo_rig.diagnosis.fit import Point
 from piezo_rig.diagnosis.found import REFITTED, Diagnosis, Finding, Rung
 from piezo_rig.diagnosis.groups import Groups, group_tracks
-from piezo_rig.diagnosis.held import own_um_of
+from piezo_rig.diagnosis.held import best_um_of
 from piezo_rig.diagnosis.held_out import Errors, gain, held_out_errors
 from piezo_rig.diagnosis.refit import refit
 from piezo_rig.diagnosis.since import (
@@ -53,7 +53,7 @@ def against_lacking(
     if floor_nm is None or not lacks_causes(model, floor_nm):
         return None
     tell("what has changed since")
-    own_um = own_um_of(model)
+    own_um = best_um_of(model)
     space = plain_space(groups, model)
     held = refit(space, Point(model, fixed=tuple(s.id for s in model.stages)))
     warnings = baseline_warnings(groups, held)

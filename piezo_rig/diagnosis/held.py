@@ -8,7 +8,8 @@ springs and sliders can: what is left of a bend after that is what may be wrong,
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,7 +27,17 @@ SPARE = 2.0  # times what a model was off by itself; beyond that, what is wrong 
 
 def own_um_of(model: Model) -> float:
     """How far off a given model was where it was identified; unbounded where it does not say."""
-    own = model.provenance.get("rms_nm")
+    return _own_um(model.provenance)
+
+
+def best_um_of(model: Model) -> float:
+    """The same, with its bend beside it where that was nearer."""
+    bent = model.provenance.get("bent")
+    return min(own_um_of(model), _own_um(bent) if isinstance(bent, dict) else np.inf)
+
+
+def _own_um(said: Mapping[str, Any]) -> float:
+    own = said.get("rms_nm")
     return 1e-3 * float(own) if isinstance(own, int | float) and own > 0 else np.inf
 
 

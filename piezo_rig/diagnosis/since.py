@@ -20,7 +20,7 @@ from piezo_rig.causes import CAUSES, NAMED_MODELS
 from piezo_rig.chain import Model, Parameter, Stage
 from piezo_rig.diagnosis.checks import FAR_OFF
 from piezo_rig.diagnosis.groups import Groups
-from piezo_rig.diagnosis.held import own_um_of
+from piezo_rig.diagnosis.held import best_um_of
 from piezo_rig.diagnosis.scan import LEVEL
 from piezo_rig.identification.recorded import Recorded, cells, recorded_of, together
 from piezo_rig.run_file.sweep import Sweep
@@ -105,8 +105,7 @@ class Change:
 
 def lacks_causes(model: Model, floor_nm: float) -> bool:
     """Whether a given model by `identify` was far off even there, a bend beside it or not."""
-    bent = model.provenance.get("bent")
-    own_um = min(own_um_of(model), own_um_of(Model((), bent)) if isinstance(bent, dict) else np.inf)
+    own_um = best_um_of(model)
     known = np.isfinite(own_um) and model.name in NAMED_MODELS
     return bool(known and 1e3 * own_um >= FAR_OFF * floor_nm)
 
