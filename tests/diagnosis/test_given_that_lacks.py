@@ -46,6 +46,8 @@ def test_the_reference_is_far_off_and_says_so(reference):
     assert reference.provenance["rms_nm"] > 20.0  # of 2 nm of noise
     assert lacks_causes(reference, 2.0)
     assert not lacks_causes(reference, 0.5 * reference.provenance["rms_nm"])
+    beside_a_bend = reference.provenance | {"bent": {"rms_nm": 2.1, "stages": []}}
+    assert not lacks_causes(reference.with_(provenance=beside_a_bend), 2.0)
 
 
 @pytest.mark.parametrize(
