@@ -36,7 +36,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--baseline",
         metavar="NAME or MODEL.json",
         default="classical",
-        help="a NAME is refitted to the data, a MODEL.json is held fixed; classical",
+        help="a NAME is refitted to the data, a MODEL.json is held fixed (one by identify that "
+        "was far off is refitted, but for gain and sensitivity); classical",
     )
     parser.add_argument("--json", metavar="OUT", help="write the diagnosis as JSON")
     parser.add_argument(
