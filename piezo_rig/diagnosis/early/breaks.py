@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from piezo_rig.chain import Model
 from piezo_rig.diagnosis.early.mended import DROP, JUMP, STEP_UM, Break, lead, mended
-from piezo_rig.diagnosis.early.peaks import Peak, Search, find_peaks
+from piezo_rig.diagnosis.early.peaks import GRID, Peak, Search, find_pair, find_peaks
 from piezo_rig.diagnosis.early.place import at_rest, placed
 from piezo_rig.diagnosis.early.traces import (
     Stretch,
@@ -40,6 +40,7 @@ LONG, WIDE = 0.03, 0.2  # shares by which the way may be wrong, and a first coun
 AGAIN = 2  # times that place and count are looked for in turn
 CLEAR = 12.0  # log-likelihood that the instant itself must be worth where there are no repeats
 MANY = 10  # samples
+BESIDE = 4  # samples: so near to each other losses of two recordings are none
 NEAR_S = 0.3
 FEWER = 4  # counts that are tried
 LIKELIEST = 4  # peaks of a group that are looked at closely
@@ -73,10 +74,11 @@ def find_breaks(
     found = stretches(groups, predicted, sweeps, line_hz)
     breaks: list[Break] = []
     closed: set[int] = set()  # groups in which nothing more can be placed
+    guessed: dict[int, int] = {}  # group -> how many breaks there were before one was guessed
     for _ in range(ROUNDS if found else 0):
         search = _round(mended(groups, predicted, breaks), predicted, found, breaks, sweeps)
         peaks = [p for p in find_peaks(search) if search.chance(p.gained) < level]
-        before = len(breaks)
+        before, tried = len(breaks), len(guessed)
         for g in sorted({found[p.stretch].group for p in peaks} - closed):
             mine = sorted((p for p in peaks if found[p.stretch].group == g),
                           key=lambda p: -p.gained)  # fmt: skip
@@ -87,13 +89,126 @@ def find_breaks(
                 mine[0].gained > gained
             ):  # fmt: skip
                 new = None  # a loss that could not be placed is no jump
-            if new is None or search.chance(gained) >= level:
+            if new is not None and search.chance(gained) < level:
+                breaks.append(new)
+            elif g in guessed or (guess := _guess(search, mine[:LIKELIEST])) is None:
                 closed.add(g)
             else:
-                breaks.append(new)
-        if len(breaks) == before:
+                guessed[g] = len([b for b in breaks if b.group == g])
+                breaks.append(guess)
+        for g in sorted({s.group for s in found} - set(guessed)) if len(breaks) == before else ():
+            guess = _guess(search, _pairs(search, g, level))
+            if guess is not None:
+                closed.discard(g)
+                guessed[g] = len([b for b in breaks if b.group == g])
+                breaks.append(guess)
+        if len(breaks) == before and len(guessed) == tried:
             break
+    for g, known in guessed.items():
+        losses = [b for b in breaks if b.group == g]
+        if not _borne_out(groups, predicted, found, breaks, sweeps, losses[known]):
+            breaks = [b for b in breaks if b not in losses[known:]]
+    breaks = _cancelled(breaks)
+    for several in [b for b in breaks if b.cause == DROP and 1 < b.count <= FEWER]:
+        breaks = _split(groups, predicted, found, breaks, sweeps, several)
     return Breaks(tuple(breaks))
+
+
+def _cancelled(breaks: list[Break]) -> list[Break]:
+    """Losses without those that both recordings of a drive are said to have at one place."""
+    out = list(breaks)
+    for b in breaks:
+        for other in breaks:
+            if b.cause == other.cause == DROP and b.group == other.group and b.row < other.row and (
+                abs(b.index - other.index) <= BESIDE
+            ):  # fmt: skip
+                both = min(b.count, other.count)
+                left = [replace(x, count=x.count - both) for x in (b, other) if x.count > both]
+                out = [x for x in out if x is not b and x is not other] + left
+    return out
+
+
+def _split(
+    groups: Groups, predicted: list[FloatArray], found: list[Stretch], breaks: list[Break],
+    sweeps: Sequence[Sweep], several: Break,
+) -> list[Break]:  # fmt: skip
+    """Breaks with a loss of several samples as two losses, where that fits better."""
+    k = next(k for k, s in enumerate(found)
+             if s.group == several.group and s.begin <= several.index < s.end)  # fmt: skip
+
+    def left(search: Search) -> float:
+        rows = range(groups.groups[several.group].repeats)
+        own = [search.white[k].project(search.own(found[k], row)) for row in rows]
+        return 0.5 * float(sum(x @ x for x in own)) / max(len(own) - 1, 1)
+
+    def searched(tried: list[Break]) -> Search:
+        whole = mended(groups, predicted, tried)
+        return replace(basis, groups=whole, breaks=tried)
+
+    basis = _round(mended(groups, predicted, breaks), predicted, found, breaks, sweeps)
+    best, least = breaks, left(basis) - CLEAR
+    for count in range(1, several.count):
+        fewer = [replace(b, count=count) if b is several else b for b in breaks]
+        search = searched(fewer)
+        peaks = [p for p in find_peaks(search)
+                 if (p.stretch, p.row, p.cause) == (k, several.row, DROP)]  # fmt: skip
+        for peak in sorted(peaks, key=lambda p: -p.gained)[:LIKELIEST]:
+            exact = _exactly(search, replace(peak, count=several.count - count), True)
+            if exact is None or exact[1] is None:
+                continue
+            both = [*fewer, exact[1]]
+            if (worth := left(searched(both))) < least:
+                best, least = both, worth
+    return best
+
+
+def _pairs(search: Search, g: int, level: float) -> list[Peak]:
+    """Losses in both of two recordings of one drive, the first of each pair."""
+    if search.groups.groups[g].repeats != 2:
+        return []
+    peaks = [find_pair(search, k) for k, s in enumerate(search.stretches) if s.group == g]
+    return [p for p in peaks if p is not None and search.chance(p.gained) < level / GRID]
+
+
+def _guess(search: Search, peaks: Sequence[Peak]) -> Break | None:
+    """One lost sample at an instant that is plain to see, though its size is no whole number.
+
+    Where each of two recordings of a drive has lost some, neither loss fits as long as the other is
+    there. Whether it was right shows when others have been found beside it.
+    """
+    best: tuple[float, Break] | None = None
+    for peak in peaks:
+        stretch = search.stretches[peak.stretch]
+        group, model = search.groups.groups[stretch.group], search.predicted[stretch.group]
+        if peak.cause != DROP or group.repeats < 2:
+            continue
+        near = placed(own_part(group, peak.row, model), model, DROP, peak.at, 1, stretch)
+        if near is None or near[3] < CLEAR or (best is not None and near[3] <= best[0]):
+            continue
+        before = lead(search.breaks, stretch.group, peak.row, near[0])
+        end = next(
+            b for a, b in sweep_bounds(group, peak.row, search.sweeps) if a <= near[0] < b
+        )
+        index, low, high = (i - before for i in near[:3])
+        p = search.chance(near[3])
+        best = near[3], Break(DROP, stretch.group, peak.row, index, 1, low, high, end, p)
+    return None if best is None else best[1]
+
+
+def _borne_out(
+    groups: Groups, predicted: list[FloatArray], found: list[Stretch], breaks: Sequence[Break],
+    sweeps: Sequence[Sweep], guess: Break,
+) -> bool:  # fmt: skip
+    """Whether a guessed loss is a whole number beside everything that was found after it."""
+    others = [b for b in breaks if b is not guess]
+    search = _round(mended(groups, predicted, others), predicted, found, others, sweeps)
+    at = guess.index + lead(others, guess.group, guess.row, guess.index)
+    for k, stretch in enumerate(found):
+        if stretch.group == guess.group and stretch.begin <= at < stretch.end:
+            peak = Peak(DROP, k, guess.row, at, guess.count, 0.0)
+            counted = _counted(search, stretch, search.white[k], peak, at, guess.count)
+            return counted is not None and counted[0] == guess.count
+    return False
 
 
 def _round(

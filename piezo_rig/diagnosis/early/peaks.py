@@ -75,6 +75,31 @@ def find_peaks(search: Search) -> list[Peak]:
     return out
 
 
+def find_pair(search: Search, k: int) -> Peak | None:
+    """The first of two lost samples of a stretch, one in each of its two recordings.
+
+    Between the two the recordings are one sample apart, and then no longer: neither shows as a
+    break that lasts.
+    """
+    stretch, white = search.stretches[k], search.white[k]
+    m = stretch.velocity.size
+    at = np.unique(np.linspace(1, m - 2, GRID).astype(int))
+    lost = white.project((np.arange(m) >= at[:, None]) * stretch.ways[0])
+    number = lost @ white.project(search.own(stretch, 0))
+    gram = lost @ lost.T
+    size = np.diag(gram)
+    apart = size[:, None] + size - 2.0 * gram  # squared size of a loss at a row, mended at a column
+    later = np.triu(apart > max(EDGE * float(size.max()), FINE**-2), 1)
+    share = np.where(later, (number[:, None] - number) / np.maximum(apart, 1e-300), 0.0)
+    gained = np.where(np.abs(share) > PART, 0.5 * share**2 * apart, 0.0)
+    first = int(np.argmax(gained.max(axis=1)))
+    best = float(gained[first].max())
+    if best <= 0.0:
+        return None
+    row = 0 if share[first, int(np.argmax(gained[first]))] > 0 else 1
+    return Peak(DROP, k, row, stretch.begin + int(at[first]) * stretch.factor, 1, best)
+
+
 def _templates(stretch: Stretch) -> list[tuple[str, FloatArray]]:
     """What one step, and one lost sample (of few or many), add from an instant on; um."""
     step = np.full(stretch.velocity.size, STEP_UM)

@@ -124,3 +124,27 @@ def test_several_events_are_reported_as_lists_with_the_sweep_that_each_is_in():
     assert parameters["time"].values == pytest.approx((0.35, 1.0))
     one = reported("fringe-jump", events[:1])
     assert one["step"].value in (79.1, -79.1)
+
+
+@pytest.mark.parametrize(("first", "second"), [(700, 1300), (1700, 900), (946, 1195)])
+def test_both_recordings_of_a_drive_may_have_lost_a_sample(first, second):
+    sweeps = recordings(seed=4)
+    sweeps[1] = with_loss(sweeps[1], first, 1)
+    sweeps[5] = with_loss(sweeps[5], second, 1)
+    groups, breaks = searched(sweeps)
+    assert [(s, c, n) for s, c, _, n in said(groups, breaks)] == [
+        (1, "dropped-samples", 1), (5, "dropped-samples", 1)
+    ]  # fmt: skip
+    near = [abs(i - at) for (_, _, i, _), at in zip(said(groups, breaks), (first, second),
+                                                   strict=True)]  # fmt: skip
+    assert max(near) <= 4
+
+
+def test_two_losses_in_a_row_are_two():
+    sweeps = recordings(seed=1)
+    sweeps[2] = with_loss(with_loss(sweeps[2], 1400, 1), 1200, 1)
+    groups, breaks = searched(sweeps)
+    assert [(s, n) for s, _, _, n in said(groups, breaks)] == [(2, 1), (2, 1)]
+    assert all(abs(i - at) <= 4 for (_, _, i, _), at in zip(
+        said(groups, breaks), (1200, 1399), strict=True
+    ))  # fmt: skip
