@@ -111,29 +111,28 @@ def lacks_causes(model: Model, floor_nm: float) -> bool:
 
 
 def compared(groups: Groups, sweeps: Sequence[Sweep], model: Model) -> Compared | None:
-    """New recordings beside the model's own; None unless every one of its drives is played again.
+    """New recordings beside the model's own of the same drives; None without any.
 
     Parameters
     ----------
     groups : of the sweeps
     """
-    listed = recorded_of(model.provenance)
-    pieces = int(np.ceil(UNITS / max(len(listed), 1)))
-    before, now, units, blocks = [], [], [], list[Block]()
-    for recorded in listed:
-        block = _place(groups, sweeps, recorded)
-        if block is None:
-            return None
+    placed = [
+        (recorded, block) for recorded in recorded_of(model.provenance)
+        if (block := _place(groups, sweeps, recorded)) is not None
+    ]  # fmt: skip
+    if not placed:
+        return None
+    pieces = int(np.ceil(UNITS / len(placed)))
+    before, now, units = [], [], []
+    for k, (recorded, block) in enumerate(placed):
         before.append(recorded.displacement_um[: block.points])
         now.append(block.of(together(groups.groups[block.group].measured_um)))
-        units.append(len(blocks) * pieces + np.arange(block.points) * pieces // block.points)
-        blocks.append(block)
-    if not blocks:
-        return None
+        units.append(k * pieces + np.arange(block.points) * pieces // block.points)
     unit = np.concatenate(units)
     return Compared(
         _centred(np.concatenate(before), unit), _centred(np.concatenate(now), unit), unit,
-        tuple(blocks),
+        tuple(block for _, block in placed),
     )  # fmt: skip
 
 

@@ -46,11 +46,12 @@ class Recorded:
     displacement_um: FloatArray
 
     def to_dict(self) -> dict[str, Any]:
+        """Numbers in one line each: thousands of lines would bury the model."""
         return {
             "condition": self.condition, "sample_rate": self.sample_rate,
             "samples": self.samples, "cell": self.cell, "recordings": self.recordings,
-            "drive_v": [round(float(v), 3) for v in self.drive_v],
-            "displacement_um": [round(float(x), 5) for x in self.displacement_um],
+            "drive_v": " ".join(f"{v:.3f}" for v in self.drive_v),
+            "displacement_um": " ".join(f"{x:.5f}" for x in self.displacement_um),
         }  # fmt: skip
 
     def again(self, sweeps: Sequence[Sweep]) -> list[int]:
@@ -124,13 +125,13 @@ def recorded_of(provenance: Mapping[str, Any]) -> list[Recorded]:
 
 
 def _read(entry: Mapping[str, Any]) -> Recorded:
-    drive = np.array(entry["drive_v"], dtype=float)
-    displacement = np.array(entry["displacement_um"], dtype=float)
+    drive = np.array(entry["drive_v"].split(), dtype=float)
+    displacement = np.array(entry["displacement_um"].split(), dtype=float)
     out = Recorded(
         str(entry["condition"]), float(entry["sample_rate"]), int(entry["samples"]),
         int(entry["cell"]), int(entry["recordings"]), drive, displacement,
     )  # fmt: skip
-    right = drive.ndim == 1 and drive.shape == displacement.shape and drive.size
+    right = drive.shape == displacement.shape and drive.size
     counts = min(out.cell, out.recordings) > 0 and out.samples // out.cell == drive.size
     finite = np.all(np.isfinite(drive + displacement)) and 0.0 < out.sample_rate < np.inf
     if not (right and counts and finite):

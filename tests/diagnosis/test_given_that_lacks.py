@@ -90,10 +90,12 @@ def test_what_is_neither_is_not_taken_for_one(reference):
 
 
 def test_drives_that_were_not_recorded_then_are_not_compared(reference):
-    fewer = recordings(BEFORE, seed=3, conditions=CONDITIONS[:-1])
     slower = recordings(BEFORE, seed=3, conditions=[(*c, 0.5) for c in CONDITIONS])
-    for later in (fewer, slower):
-        assert compared(groups_of(later), later, reference) is None
+    assert compared(groups_of(slower), slower, reference) is None
+    mixed = [s for s in recordings(BEFORE, seed=3) if s.condition != "0-50"]
+    both = compared(groups_of(mixed), mixed, reference)
+    assert len(both.blocks) == len(CONDITIONS) - 1
+    assert both.scale == pytest.approx(1.0, abs=3e-4)
 
 
 @pytest.mark.parametrize("damage", ["text", "short", "missing"])
