@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from piezo_rig.causes import CAUSES, STAGES
-from piezo_rig.causes.cause import Cause
+from piezo_rig.causes.cause import Cause, FirstSpring
 from piezo_rig.chain.bend import Bend
 from piezo_rig.chain.model_file import bent_model
 from piezo_rig.diagnosis.confusion import strengths
@@ -239,7 +239,9 @@ class Search:
         most = max((f.evidence - here.evidence for _, f in begun), default=0.0)
         tried: list[tuple[float, int, Fitted]] = []
         for i, fitted in begun:
-            if fitted.evidence - here.evidence >= FAR_BEHIND * most:
+            # a law that is steep may be far behind until it is begun so
+            steep = most < LARGE and issubclass(CAUSES[result.ids[i]], FirstSpring)
+            if steep or fitted.evidence - here.evidence >= FAR_BEHIND * most:
                 fitted = reached(self.space, fitted, result.ids[i], here)
             chance = 2.0 * result.null_median[i] + worth_needed(fitted, result.ids[i])
             tried.append((fitted.evidence - here.evidence - chance, i, fitted))

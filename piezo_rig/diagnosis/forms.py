@@ -12,6 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from piezo_rig.causes.cause import Cause
+from piezo_rig.chain import Stage
 from piezo_rig.diagnosis.likelihood import Likelihood, reduce
 from piezo_rig.diagnosis.linear import Linear
 from piezo_rig.diagnosis.refit import Fitted, playable, refit, settle
@@ -26,6 +27,7 @@ PARABOLAS, SETTLED = 6, 1.0  # at most so many, and the gain in log-likelihood t
 FURTHER, FURTHER_BY = 4, 1.4
 FORMS = (0.0, 1.0)  # tapers of a law
 SHORTEST, WIDER, REACHES = 0.006, 1.19, 21  # its reach: of the travel, step, how many
+STEEP = 0.4  # of the mean spring constant, by the whole range of the drive
 LIKELIEST = 2  # of each form, that are refitted
 BESIDE = 0.02  # samples
 FADES = 4.0  # log-likelihood by which a law that fades out must be better
@@ -93,7 +95,10 @@ def reached(space: Space, fitted: Fitted, id: str, than: Fitted) -> Fitted:
     stage = fitted.point.model.stage(id)
     if not isinstance(stage, Cause) or stage.scanned[0] not in stage.parameters:
         return fitted
-    if "taper" not in stage.parameters or fitted.evidence <= than.evidence + PLAIN:
+    steep = _steep(space, stage)
+    if "taper" not in stage.parameters or (
+        fitted.evidence <= than.evidence + PLAIN and len(steep) < 2
+    ):  # fmt: skip
         return summit(space, fitted, id)
     summits = [summit(space, _tied(space, f, id), id) for f in _forms(space, fitted, id, than)]
     return max(summits, key=lambda f: f.evidence - FADES * _taper(f, id))
@@ -142,13 +147,17 @@ def _forms(space: Space, fitted: Fitted, id: str, than: Fitted) -> list[Fitted]:
     """The best of each of a law's forms, looked for over all reaches that it may have.
 
     The evidence has several summits over the reach, so all are scored about the model without the
-    law, each with what the law does at its fitted size; the best are refitted. The thesis's law
-    ends where an element gives way; one that fades out must say more.
+    law, each with what the law does at its fitted size, and as steep as it can be: a spring that
+    hardens gives way less and less, and no descent leads from the one to the other. The best are
+    refitted. The thesis's law ends where an element gives way; one that fades out must say more.
     """
     start, less = fitted.point.model.stage(id), than.point.model
     assert start is not None
     reaches = space.groups.travel_um * SHORTEST * WIDER ** np.arange(REACHES)
-    tried = [start.with_values(reach=float(r), taper=form) for form in FORMS for r in reaches]
+    tried = [
+        start.with_values(reach=float(r), taper=form, **more)
+        for more in _steep(space, start) for form in FORMS for r in reaches
+    ]  # fmt: skip
     tried = [s for s in tried if playable(space, less.with_stage(s))]
     settle(space, than.point)
     pairs = [(less, less.with_stage(s)) for s in tried]
@@ -158,11 +167,20 @@ def _forms(space: Space, fitted: Fitted, id: str, than: Fitted) -> list[Fitted]:
     for form in FORMS:
         own = [k for k, s in enumerate(tried) if s["taper"] == form]
         for k in sorted(own, key=lambda k: -worth[k])[:LIKELIEST]:
-            best.append(at_values(space, fitted, id, {"reach": tried[k]["reach"], "taper": form}))
+            moved: dict[str, float] = {n: tried[k][n] for n in ("reach", "taper", "slope") if n in start.parameters}
+            best.append(at_values(space, fitted, id, moved))
     return [
         max(same, key=lambda f: f.evidence)
         for form in FORMS if (same := [f for f in best if _taper(f, id) == form])
     ]  # fmt: skip
+
+
+def _steep(space: Space, stage: Stage) -> list[dict[str, float]]:
+    """What a law is to be tried with beside its fitted size: nothing, and a slope that is large."""
+    if "slope" not in stage.parameters:
+        return [{}]
+    steepest = STEEP / space.groups.travel_um
+    return [{}, {"slope": float(np.copysign(steepest, stage["slope"]))}]
 
 
 def _tied(space: Space, fitted: Fitted, id: str) -> Fitted:
