@@ -6,7 +6,7 @@ missing, which the new one then seemed to make up for.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -21,6 +21,7 @@ from piezo_rig.errors import InputError
 
 ONCE_MORE = 4
 BETTER = 3.0  # log-likelihood by which a refit from further out must be better
+LARGE = 300.0  # the same above which a law was begun at the right size
 PLAIN = 20.0  # log-likelihood above which all forms of a law are refitted
 SAME = 1.5  # steps of a scan over which one tangent serves
 PARABOLAS, SETTLED = 6, 1.0  # at most so many, and the gain in log-likelihood that ends them
@@ -95,13 +96,37 @@ def reached(space: Space, fitted: Fitted, id: str, than: Fitted) -> Fitted:
     stage = fitted.point.model.stage(id)
     if not isinstance(stage, Cause) or stage.scanned[0] not in stage.parameters:
         return fitted
-    steep = _steep(space, stage)
-    if "taper" not in stage.parameters or (
-        fitted.evidence <= than.evidence + PLAIN and len(steep) < 2
-    ):  # fmt: skip
+    if "taper" not in stage.parameters:
         return summit(space, fitted, id)
-    summits = [summit(space, _tied(space, f, id), id) for f in _forms(space, fitted, id, than)]
-    return max(summits, key=lambda f: f.evidence - FADES * _taper(f, id))
+
+    def worth(f: Fitted) -> float:
+        return f.evidence - FADES * _taper(f, id)
+
+    begun = [fitted]
+    if fitted.evidence > than.evidence + PLAIN:
+        begun = [_tied(space, f, id) for f in _forms(space, fitted, id, than)]
+    best = max((summit(space, f, id) for f in begun), key=worth)
+    if "slope" not in stage.parameters or best.evidence > than.evidence + LARGE:
+        return best
+    steep = _steep(space, best, id, than)
+    steep = [summit(space, _tied(space, f, id), id) for f in steep]
+    return max([best, *steep], key=worth)
+
+
+def _steep(space: Space, fitted: Fitted, id: str, than: Fitted) -> list[Fitted]:
+    """The likeliest begins of a law as steep as it can be, one of each form that can be played.
+
+    A spring that hardens gives way less and less: no descent leads there from a small slope.
+    """
+    stage = fitted.point.model.stage(id)
+    assert stage is not None
+    slope = float(np.copysign(STEEP / space.groups.travel_um, stage["slope"]))
+    tried, worth = _scanned(space, stage.with_values(slope=slope), than)
+    return [
+        max((at_values(space, fitted, id, {n: tried[k][n] for n in ("reach", "taper", "slope")})
+             for k in likeliest), key=lambda f: f.evidence)
+        for likeliest in _likeliest(tried, worth)
+    ]  # fmt: skip
 
 
 def _taper(fitted: Fitted, id: str) -> float:
@@ -147,40 +172,40 @@ def _forms(space: Space, fitted: Fitted, id: str, than: Fitted) -> list[Fitted]:
     """The best of each of a law's forms, looked for over all reaches that it may have.
 
     The evidence has several summits over the reach, so all are scored about the model without the
-    law, each with what the law does at its fitted size, and as steep as it can be: a spring that
-    hardens gives way less and less, and no descent leads from the one to the other. The best are
-    refitted. The thesis's law ends where an element gives way; one that fades out must say more.
+    law, each with what the law does at its fitted size; the best are refitted. The thesis's law
+    ends where an element gives way; one that fades out must say more.
     """
-    start, less = fitted.point.model.stage(id), than.point.model
+    start = fitted.point.model.stage(id)
     assert start is not None
-    reaches = space.groups.travel_um * SHORTEST * WIDER ** np.arange(REACHES)
-    tried = [
-        start.with_values(reach=float(r), taper=form, **more)
-        for more in _steep(space, start) for form in FORMS for r in reaches
+    tried, worth = _scanned(space, start, than)
+    best = [
+        fitted,
+        *(at_values(space, fitted, id, {n: tried[k][n] for n in ("reach", "taper")})
+          for likeliest in _likeliest(tried, worth) for k in likeliest),
     ]  # fmt: skip
-    tried = [s for s in tried if playable(space, less.with_stage(s))]
-    settle(space, than.point)
-    pairs = [(less, less.with_stage(s)) for s in tried]
-    likelihood = Likelihood(reduce(space.linear(than.point, pairs)))
-    worth = [likelihood.evidence([k]) for k in range(len(tried))]
-    best = [fitted]
-    for form in FORMS:
-        own = [k for k, s in enumerate(tried) if s["taper"] == form]
-        for k in sorted(own, key=lambda k: -worth[k])[:LIKELIEST]:
-            moved: dict[str, float] = {n: tried[k][n] for n in ("reach", "taper", "slope") if n in start.parameters}
-            best.append(at_values(space, fitted, id, moved))
     return [
         max(same, key=lambda f: f.evidence)
         for form in FORMS if (same := [f for f in best if _taper(f, id) == form])
     ]  # fmt: skip
 
 
-def _steep(space: Space, stage: Stage) -> list[dict[str, float]]:
-    """What a law is to be tried with beside its fitted size: nothing, and a slope that is large."""
-    if "slope" not in stage.parameters:
-        return [{}]
-    steepest = STEEP / space.groups.travel_um
-    return [{}, {"slope": float(np.copysign(steepest, stage["slope"]))}]
+def _scanned(space: Space, start: Stage, than: Fitted) -> tuple[list[Stage], list[float]]:
+    """A law at all its reaches and forms, and what a linear look says that each gains."""
+    less = than.point.model
+    reaches = space.groups.travel_um * SHORTEST * WIDER ** np.arange(REACHES)
+    tried = [start.with_values(reach=float(r), taper=form) for form in FORMS for r in reaches]
+    tried = [s for s in tried if playable(space, less.with_stage(s))]
+    settle(space, than.point)
+    pairs = [(less, less.with_stage(s)) for s in tried]
+    likelihood = Likelihood(reduce(space.linear(than.point, pairs)))
+    without = likelihood.evidence(())
+    return tried, [likelihood.evidence([k]) - without for k in range(len(tried))]
+
+
+def _likeliest(tried: Sequence[Stage], worth: Sequence[float]) -> list[list[int]]:
+    """Which of a law's tries say most, form by form; forms that were not tried left out."""
+    by_form = [[k for k, s in enumerate(tried) if s["taper"] == form] for form in FORMS]
+    return [sorted(own, key=lambda k: -worth[k])[:LIKELIEST] for own in by_form if own]
 
 
 def _tied(space: Space, fitted: Fitted, id: str) -> Fitted:

@@ -314,8 +314,8 @@ def _same(a: Track, b: Track, sweeps: Sequence[Sweep]) -> bool:
 
 
 def _group(members: list[Track], sweeps: Sequence[Sweep], data: Data) -> Group:
-    n = min(t.drive_v.size for t in members)
-    first = members[0]
+    first = min(members, key=lambda t: t.drive_v.size)  # a recording may lack its last samples
+    n = first.drive_v.size
     time = np.concatenate([
         sweeps[i].time_s + (sweeps[i].start_time - sweeps[first.sweeps[0]].start_time)
         for i in first.sweeps
