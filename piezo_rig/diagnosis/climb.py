@@ -29,7 +29,7 @@ from piezo_rig.diagnosis.needed import does_nothing, needless, worth_needed
 from piezo_rig.diagnosis.refit import Fitted, refit, settle
 from piezo_rig.diagnosis.scan import LATER, LEVEL, Found, Scan, extended, scan, score_powers
 from piezo_rig.diagnosis.space import Space
-from piezo_rig.diagnosis.spare import NEEDED, clear, faint, less_point, prune, stood_in
+from piezo_rig.diagnosis.spare import NEEDED, clear, faint, idle, less_point, prune, stood_in
 from piezo_rig.errors import InputError
 
 FloatArray = NDArray[np.float64]
@@ -64,6 +64,7 @@ def climb(
     held_out: Sequence[tuple[Callable[[Fitted], float], float]],
     noise_nm: float,
     others: int = 0,
+    helps: Callable[[Fitted, Fitted], bool] = lambda less, fitted: True,
 ) -> Ladder:
     """Forward selection from a fitted baseline, with detours at the end.
 
@@ -76,8 +77,9 @@ def climb(
         factor by which each may rise
     noise_nm : of one recording, what no model falls below
     others : causes that were tried elsewhere (on the raw recordings), for the correction
+    helps : whether the second fit predicts recordings better than the first, beyond doubt
     """
-    search = Search(space, first, rng, tell, held_out, noise_nm, others)
+    search = Search(space, first, rng, tell, held_out, noise_nm, others, helps)
     search.with_own_bend()
     search.forward()
     clear(search)
@@ -85,6 +87,7 @@ def climb(
         if not (search.few or search.left_over()) or not detour(search):
             break
     faint(search)
+    idle(search)
     return Ladder(search.first, tuple(search.rungs()), tuple(search.scans))
 
 
@@ -97,6 +100,7 @@ class Search:
     held_out: Sequence[tuple[Callable[[Fitted], float], float]]
     noise_nm: float
     others: int
+    helps: Callable[[Fitted, Fitted], bool]
     steps: list[Step] = field(default_factory=list)
     scans: list[Scan] = field(default_factory=list)
     barred: dict[str, str] = field(default_factory=dict)

@@ -13,7 +13,13 @@ from piezo_rig.diagnosis.early import Reading, noise_floor_nm
 from piezo_rig.diagnosis.fit import Point
 from piezo_rig.diagnosis.groups import Groups
 from piezo_rig.diagnosis.held import own_um_of
-from piezo_rig.diagnosis.held_out import Errors, carried_over_nm, held_out_errors, reported_kind
+from piezo_rig.diagnosis.held_out import (
+    Errors,
+    carried_over_nm,
+    gain,
+    held_out_errors,
+    reported_kind,
+)
 from piezo_rig.diagnosis.ladder import Ladder, Step
 from piezo_rig.diagnosis.monitored import corrected, freed, taken_in
 from piezo_rig.diagnosis.reaches import Intervals, at_their_reaches
@@ -92,12 +98,19 @@ def climbed(
     def carries_over(fitted: Fitted) -> float:
         return carried_over_nm(space, fitted, folds)
 
+    def helps(less: Fitted, fitted: Fitted) -> bool:
+        if out.kind == "none":
+            return True
+        return gain(out.errors(less), out.errors(fitted), np.random.default_rng(0))[1][0] > 0.0
+
     # conditions that were left out ask for extrapolation: only a model that runs away is refused
     close = floor is not None and reported(first) < CLOSE * floor
     gates = [(reported, STRICT if close else WORSE)]
     if out.kind != folds:
         gates.append((carries_over, AWAY))
-    out.ladder = climb(space, first, rng, tell, gates, floor or space.noise_nm, others)
+    out.ladder = climb(
+        space, first, rng, tell, gates, floor or space.noise_nm, others, helps
+    )  # fmt: skip
     if not out.monitored or reading is None:
         return _at_their_reaches(out, tell)
     out.ladder = freed(space, out.ladder)

@@ -113,7 +113,7 @@ def text(d: Diagnosis) -> list[str]:
         if finding.alternatives:
             lines.append(f"          cannot be told from: {', '.join(finding.alternatives)}")
     for cause, reason in d.refused.items():
-        lines.append(f"not tried {cause}: {reason}")
+        lines.append(f"left out  {cause}: {reason}")
     u = d.unexplained
     if u.detected:
         lines.append(f"unexplained  {u.text}")

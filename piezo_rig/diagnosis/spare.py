@@ -69,6 +69,29 @@ def faint(search: Search) -> None:
             search.steps, search.barred[id] = [], "cannot be told from nothing"
 
 
+def idle(search: Search) -> None:
+    """Drop what does not help to predict, while something that nobody has a name for is left.
+
+    The evidence of a small cause takes what is left for noise. What is left of an unknown effect
+    is not: any cause that bends that way gains by it, and none of them says what the next
+    recording will be.
+    """
+    while search.causes and search.left_over():
+        for id in reversed(search.causes):
+            search.tell(f"refit without {id}")
+            less = refit(search.space, less_point(search.fitted.point, id), held=True)
+            if not search.helps(less, search.fitted):
+                rest = [s for s in search.steps if s.cause != id]
+                if rest:
+                    search.drop(id, rest[-1], less)
+                else:
+                    search.steps = []
+                search.barred[id] = "does not help to predict, beside what nothing explains"
+                break
+        else:
+            return
+
+
 def clear(search: Search) -> None:
     """Drop what is hardly needed beside large effects whose laws are only assumed."""
     if len(search.causes) < 2:

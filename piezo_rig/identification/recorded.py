@@ -119,8 +119,9 @@ def recorded_of(provenance: Mapping[str, Any]) -> list[Recorded]:
         return [_read(entry) for entry in listed]
     except (TypeError, KeyError, ValueError, AttributeError, OverflowError):
         raise InputError(
-            "model-recorded", "the recordings in its provenance are damaged",
-            "the file was changed by hand", "identify the model again",
+            "model-recorded",
+            "the given model's recordings ('recorded' in its provenance) are damaged",
+            "the file was cut short, or changed by hand", "identify the model again",
         ) from None  # fmt: skip
 
 

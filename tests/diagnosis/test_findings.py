@@ -137,3 +137,12 @@ def test_the_same_data_give_the_same_answer_in_the_contracts_form():
             "follow_up"} <= set(first)  # fmt: skip
     assert first["data"]["held_out"] == "sweep"
     assert text(found)
+
+
+def test_a_repeat_may_lack_its_last_samples():
+    sweeps = recordings(seed=2)
+    short = sweeps[5]
+    sweeps[5] = short.with_(command_v=short.command_v[:-1], sensor_v=short.sensor_v[:-1])
+    found = diagnose(sweeps)
+    assert found.findings == []
+    assert found.repeats == 2
