@@ -35,3 +35,13 @@ def test_a_law_that_may_hold_far_or_near_has_a_constant_part_that_is_as_uncertai
     for name in ("slope", "offset"):
         low, high = finding.parameters[name].ci95
         assert low < true[name] < high
+
+
+def test_a_spring_that_is_several_times_as_hard_after_a_large_range_is_no_initiation_stage():
+    # the case that asked for it: from a small slope no descent leads to this one
+    case = draw("range-dependence", 1301, "rates", "ar", 40.0)
+    found = diagnose(case.sweeps)
+    assert [f.cause for f in found.findings] == ["range-dependence"]
+    assert not found.unexplained.detected
+    true = case.truth.parameters["range-dependence"]["slope"]
+    assert found.findings[0].parameters["slope"].value == pytest.approx(true, rel=0.15)
