@@ -87,7 +87,11 @@ def climb(
         if not (search.few or search.left_over()) or not detour(search):
             break
     faint(search)
-    idle(search)
+    for _ in range(ROUNDS):
+        if not idle(search):
+            break
+        search.forward()
+        faint(search)
     return Ladder(search.first, tuple(search.rungs()), tuple(search.scans))
 
 

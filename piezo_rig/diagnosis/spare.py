@@ -69,13 +69,16 @@ def faint(search: Search) -> None:
             search.steps, search.barred[id] = [], "cannot be told from nothing"
 
 
-def idle(search: Search) -> None:
+def idle(search: Search) -> bool:
     """Drop what does not help to predict, while something that nobody has a name for is left.
+
+    Whether anything was dropped: it may have stood where something else belongs.
 
     The evidence of a small cause takes what is left for noise. What is left of an unknown effect
     is not: any cause that bends that way gains by it, and none of them says what the next
     recording will be.
     """
+    dropped = False
     while search.causes and search.left_over():
         for id in reversed(search.causes):
             search.tell(f"refit without {id}")
@@ -87,9 +90,11 @@ def idle(search: Search) -> None:
                 else:
                     search.steps = []
                 search.barred[id] = "does not help to predict, beside what nothing explains"
+                dropped = True
                 break
         else:
-            return
+            break
+    return dropped
 
 
 def clear(search: Search) -> None:
