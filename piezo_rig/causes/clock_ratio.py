@@ -46,3 +46,9 @@ class ClockRatio(Cause):
         if context.duration_s <= 0.0:
             return []
         return [cls.of(None, ppm=1e6 * EXAMPLE * context.step_s / context.duration_s)]
+
+    @classmethod
+    def variants(cls, context: Context) -> list[list[Stage]]:
+        # at a corner of the drive a clock that runs fast and one that runs slow both miss the peak
+        return [[t.with_values(ppm=sign * t["ppm"])]
+                for t in cls.trials(context) for sign in (1.0, -1.0)]  # fmt: skip
