@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from piezo_rig.causes import CAUSES
 from piezo_rig.causes.cause import Cause
 from piezo_rig.diagnosis.confusion import APART, certainties, strengths
 from piezo_rig.diagnosis.fit import Point
 from piezo_rig.diagnosis.needed import needless, worth_needed
 from piezo_rig.diagnosis.refit import refit, settle
+from piezo_rig.diagnosis.unexplained import unexplained
 
 if TYPE_CHECKING:
     from piezo_rig.diagnosis.climb import Search
@@ -79,7 +82,7 @@ def idle(search: Search) -> bool:
     recording will be.
     """
     dropped = False
-    while search.causes and search.left_over():
+    while search.causes and search.left_over() and _unknown(search):
         for id in reversed(search.causes):
             search.tell(f"refit without {id}")
             less = refit(search.space, less_point(search.fitted.point, id), held=True)
@@ -95,6 +98,19 @@ def idle(search: Search) -> bool:
         else:
             break
     return dropped
+
+
+def _unknown(search: Search) -> bool:
+    """Whether more is left than what the laws of the members may leave."""
+    square, before = 0.0, search.error(0, search.first)
+    for step in search.steps:
+        after = search.error(0, step.fitted)
+        if step.cause in CAUSES and not CAUSES[step.cause].has_elements:
+            square += max(before**2 - after**2, 0.0)
+        before = after
+    by_laws_nm = float(np.sqrt(square))
+    found = unexplained(search.space, search.fitted, search.noise_nm, by_laws_nm, search.rng)
+    return found.detected
 
 
 def clear(search: Search) -> None:
