@@ -80,7 +80,7 @@ def against_lacking(
         change = change_since(both, put, found.model, tried)
         if change is not None and change.stage.id == SCALE:
             return _beside(found, sweeps, groups, model, change, seed, notes, warnings)
-        tell("with the gain put right")
+        tell("with the gain put right" if change is not None else "as recorded")
     right = list(sweeps) if change is None else _put_right(sweeps, change.stage)
     return _beside(
         again(right, model.name), sweeps, groups, model, change, seed, notes, warnings

@@ -133,8 +133,12 @@ def _split(
     sweeps: Sequence[Sweep], several: Break,
 ) -> list[Break]:  # fmt: skip
     """Breaks with a loss of several samples as two losses, where that fits better."""
-    k = next(k for k, s in enumerate(found)
-             if s.group == several.group and s.begin <= several.index < s.end)  # fmt: skip
+    others = [b for b in breaks if b is not several]
+    at = several.index + lead(others, several.group, several.row, several.index)
+    k = next((k for k, s in enumerate(found)
+              if s.group == several.group and s.begin <= at < s.end), None)  # fmt: skip
+    if k is None:
+        return breaks
 
     def left(search: Search) -> float:
         rows = range(groups.groups[several.group].repeats)
