@@ -25,7 +25,7 @@ from piezo_rig.cli import main
 from piezo_rig.resources import shipped_folder
 from piezo_rig.run_file.reader import Run
 
-TIMEOUT_S = 0.2
+TIMEOUT_S = 0.5  # a machine that is busy may answer late, but not so late
 SETTLED_S = 0.001  # of the stack behind its last step, which may be this very instant
 SHORT = """
 schema = "piezo-rig/protocol/1"
@@ -119,7 +119,7 @@ NO_TRIGGER = "instrument-no-trigger"
 UNDER_WAY = [
     ("waveform_dac", "silent", {}, TIMEOUT),
     ("waveform_dac", "silent", {"message": "*OPC?", "times": 1}, TIMEOUT),
-    ("waveform_dac", "late_reply", {"value": 0.5, "message": "*TRG"}, TIMEOUT),
+    ("waveform_dac", "late_reply", {"value": 1.2, "message": "*TRG"}, TIMEOUT),
     ("waveform_dac", "hang_up", {"message": "*OPC?"}, HANGUP),
     ("waveform_dac", "garbage", {}, GARBAGE),
     ("waveform_dac", "twice", {}, GARBAGE),
@@ -136,7 +136,7 @@ UNDER_WAY = [
     ("digitizer", "error_queue", {}, QUEUE),
     ("digitizer", "no_trigger", {}, NO_TRIGGER),
     ("digitizer", "no_data", {"value": 400}, "instrument-no-data"),
-    ("amplifier", "late_reply", {"value": 0.5}, TIMEOUT),
+    ("amplifier", "late_reply", {"value": 1.2}, TIMEOUT),
     ("amplifier", "hang_up", {}, HANGUP),
     ("amplifier", "adjusted", {"value": 60}, SETTING),
 ]
