@@ -135,8 +135,7 @@ class Point:
 
     def tangent(self, group: Group, first: int = 0) -> FloatArray:
         """Derivative of the prediction by the free numbers from ``first`` on, (p, n)."""
-        group.remember(self.model)
-        base = group.predicted(self.model)
+        base = group.remembered(self.model)
         near = self.neighbours(first)
         out = np.empty((len(near), base.size))
         for j, (model, step) in enumerate(near):

@@ -96,10 +96,11 @@ class Group:
                 moved = moved + added_by(stage, self.time_s, self.drive_v)
         return moved
 
-    def remember(self, model: Model) -> None:
-        """Keep what this model does, for its neighbours."""
+    def remembered(self, model: Model) -> FloatArray:
+        """`predicted`, stage by stage kept for the neighbours of this model."""
         for memo in (self.memo, *self.memos.values()):
             memo.remember(model)
+        return self.predicted_once(model)
 
     def begun(self, samples: int) -> Group:
         """The group up to the last turning point within so many samples, two half loops at least.

@@ -35,8 +35,9 @@ from piezo_rig.diagnosis.linear import (
 from piezo_rig.diagnosis.whitening import CellWhitener
 
 FloatArray = NDArray[np.float64]
-MOST_KNOWN, MOST_BANDS, MOST_LINEAR = 2, 3, 2  # kept: more is no faster, and half a GB each
-MOST_GIVEN = 2  # of every group
+LEAST_KEPT, MOST_KEPT = 2, 6  # sets of columns
+KEPT = 100_000  # thinned samples of all that are kept: a GB
+SAME_KNOTS = 1e-6  # V
 NEAR = 0.15  # columns of a model whose numbers are this near serve as well
 THREADS = 2
 Made = TypeVar("Made")
@@ -78,6 +79,13 @@ class Space:
     _of_given: dict[Key, Any] = field(default_factory=dict)
     _tangents: dict[int, tuple[Group, Point, FloatArray]] = field(default_factory=dict)
     _linears: dict[int, tuple[Point, Linear]] = field(default_factory=dict)
+    _knots: list[FloatArray] = field(default_factory=list)
+
+    @property
+    def most_kept(self) -> int:
+        """How many sets of columns are kept: fewer of long data, for they are large."""
+        samples = sum(p.end - p.begin for p in self.pieces)
+        return int(np.clip(KEPT // max(samples, 1), LEAST_KEPT, MOST_KEPT))
 
     @property
     def noise_nm(self) -> float:
@@ -102,7 +110,7 @@ class Space:
         self._prepared = model
         if not self.generic:
             self._make_generic(model)
-        while len(self._known) >= MOST_KNOWN:
+        while len(self._known) >= self.most_kept:
             old = next(iter(self._known))
             self._known.pop(old)
             self._bands = {k: v for k, v in self._bands.items() if k[0] != old}
@@ -172,13 +180,13 @@ class Space:
 
     def _forget_oldest(self) -> None:
         """Make room for a set of every group, before threads ask for it."""
-        while len(self._of_given) > MOST_GIVEN * len(self.groups.groups):
+        while len(self._of_given) > self.most_kept * len(self.groups.groups):
             self._of_given.pop(next(iter(self._of_given)))
 
     def keep(self, point: Point, linear: Linear) -> None:
         """Hold the matrices about a point; those of the latest few are, for they are large."""
         self._linears.pop(id(point), None)
-        while len(self._linears) >= MOST_LINEAR:
+        while len(self._linears) >= self.most_kept:
             self._linears.pop(next(iter(self._linears)))
         self._linears[id(point)] = point, linear  # the point too, so that its id stays its own
 
@@ -323,12 +331,11 @@ class Space:
         tangent = self._tangent(group, point)
         out = np.empty((len(tangent) + len(trials) + 1, int(inside.sum())))
         out[: len(tangent)] = tangent
-        known: dict[int, FloatArray] = {}
-        for k, (before, after) in enumerate(trials):
-            if id(before) not in known:
-                known[id(before)] = short.predicted(before)
-            moved = short.predicted_once(after) - known[id(before)]
-            out[len(tangent) + k] = moved[inside]
+        for before in {id(before): before for before, _ in trials}.values():
+            base = short.remembered(before)
+            for k, (other, after) in enumerate(trials):
+                if other is before:
+                    out[len(tangent) + k] = (short.predicted_once(after) - base)[inside]
         left = group.measured_um.mean(axis=0) - group.predicted(point.model)
         out[-1] = self.groups.thinned(group, left)
         return out
@@ -349,15 +356,14 @@ class Space:
         if not point.tables:
             return [no_bands(p.end - p.begin, len(f.white))
                     for p, f in zip(self.pieces, self.fixed, strict=True)]  # fmt: skip
-        own = tuple(s.elements.knots_v.round(9).tobytes() for s in point.tables if s.elements)
-        key = (self._made_for, *own)
+        key = (self._made_for, *self._tables(point.tables))
         if key in self._bands:
             return self._bands[key]
-        while len(self._bands) >= MOST_BANDS:
+        while len(self._bands) > self.most_kept:
             self._bands.pop(next(iter(self._bands)))
         self._forget_oldest()
         model = _with_tables(self._prepared, point.model)
-        tables = tuple(s.elements.knots_v.round(9).tobytes() for s in model.stages if s.elements)
+        tables = self._tables(model.stages)
         mine = np.concatenate([
             np.full(len(s.elements), s.id not in point.fixed)
             for s in model.stages if s.elements is not None
@@ -379,6 +385,17 @@ class Space:
         out = self._each_group(of)
         self._bands[key] = out
         return out
+
+    def _tables(self, stages: Sequence[Stage]) -> Key:
+        """A number for the break points of every table; the same for those that rounding moved."""
+        return tuple(self._number(s.elements.knots_v) for s in stages if s.elements is not None)
+
+    def _number(self, knots: FloatArray) -> int:
+        for k, known in enumerate(self._knots):
+            if known.shape == knots.shape and np.max(np.abs(known - knots)) < SAME_KNOTS:
+                return k
+        self._knots.append(knots)
+        return len(self._knots) - 1
 
     def _carried(self, model: Model, group: Group, columns: FloatArray) -> FloatArray:
         """Thinned changes of the actuator's displacement as the sensor shows them."""
