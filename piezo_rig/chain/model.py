@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property, partial
 from typing import Any
 
@@ -87,6 +87,10 @@ class Model:
         places = [PLACES.index(s.place) for s in self.stages]
         if places != sorted(places):
             raise InputError("model-stage", f"stages are not in the order {', '.join(PLACES)}")
+
+    def __getstate__(self) -> dict[str, Any]:
+        """What it is made from; what was worked out on the way is not handed on."""
+        return {f.name: getattr(self, f.name) for f in fields(self)}
 
     @property
     def maxwell(self) -> Maxwell:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +19,7 @@ from piezo_rig.causes import CAUSES, STAGES
 from piezo_rig.causes.cause import Cause, FirstSpring
 from piezo_rig.chain.bend import Bend
 from piezo_rig.chain.model_file import bent_model
+from piezo_rig.diagnosis.abreast import abreast
 from piezo_rig.diagnosis.confusion import strengths
 from piezo_rig.diagnosis.detours import detour, together
 from piezo_rig.diagnosis.fit import Point
@@ -45,6 +47,7 @@ MUCH = 0.8  # the same where a model is held fixed and lacks what the actuator h
 OF_THE_MISFIT = (
     "fits, but predicts data that it has not seen no better, while the model is still far off"
 )
+CAME_TO_NOTHING = "once refitted it came out at a limit, or no different from nothing"
 NEARER = 0.9  # held-out error, of that when a cause was refused, below which it is tried again
 MUCH_NEARER = 0.5  # the same for one that came to nothing
 NEAR = 1.1  # held-out error of a rival, of the best one's
@@ -181,8 +184,11 @@ class Search:
         for i in good:
             kind = CAUSES[found.result.ids[i]]
             if getattr(kind, "like_a_bend", False) and found.result.ratio[i] > LARGE:
+                self.tell(f"refit with {found.result.ids[i]}")
                 rival = self.refitted(here, found, int(i))
-                if rival is not None and rival.evidence > fitted.evidence:
+                if rival is None:
+                    self.bar(found.result.ids[i], here, CAME_TO_NOTHING, MUCH_NEARER)
+                elif rival.evidence > fitted.evidence:
                     return False
         self.accept(Step(BEND, p, fitted))
         return True
@@ -243,16 +249,26 @@ class Search:
         result = found.result
         order = good[np.argsort(-result.excess[good])]
         close = [i for i in order if result.excess[i] >= CLOSE * result.excess[order[0]]][:RUN_OFF]
-        begun = [(int(i), f) for i in close if (f := self.refitted(here, found, int(i)))]
+        self.tell(f"refit with {' or '.join(result.ids[i] for i in close)}")
+        refits = abreast(self.space, [
+            partial(self.refitted, here, found, int(i)) for i in close
+        ], here.parts)  # fmt: skip
+        begun = [(int(i), f) for i, f in zip(close, refits, strict=True) if f is not None]
+        for i in set(map(int, close)) - {i for i, _ in begun}:
+            self.bar(result.ids[i], here, CAME_TO_NOTHING, MUCH_NEARER)
         most = max((f.evidence - here.evidence for _, f in begun), default=0.0)
+        known = [part for _, f in begun for part in f.parts]
+        # laws one after the other: their forms are fitted abreast
+        laws = [b for b in begun if "reach" in CAUSES[result.ids[b[0]]].optional]
+        begun = [*(b for b in begun if b not in laws), *laws]
+        grow = [partial(self.grown, here, found, i, f, most) for i, f in begun]
+        grown = abreast(self.space, grow[: -len(laws) or None], [*here.parts, *known])
+        grown += [step() for step in grow[len(grown) :]]
         tried: list[tuple[float, int, Fitted]] = []
-        for i, fitted in begun:
-            # a law that is steep may be far behind until it is begun so
-            steep = most < LARGE and issubclass(CAUSES[result.ids[i]], FirstSpring)
-            if steep or fitted.evidence - here.evidence >= FAR_BEHIND * most:
-                fitted = reached(self.space, fitted, result.ids[i], here)
-            chance = 2.0 * result.null_median[i] + worth_needed(fitted, result.ids[i])
-            tried.append((fitted.evidence - here.evidence - chance, i, fitted))
+        for (i, _), (worth, fitted, error) in zip(begun, grown, strict=True):
+            tried.append((worth, i, fitted))
+            if error is not None:
+                self.keep_error(fitted, error)
         for worth, i, fitted in sorted(self.carrying(tried), key=lambda t: -t[0]):
             id = result.ids[i]
             if worth <= 0.0:
@@ -272,6 +288,19 @@ class Search:
             prune(self)
             return True
         return bool(close)
+
+    def grown(
+        self, here: Fitted, found: Found, i: int, fitted: Fitted, most: float
+    ) -> tuple[float, Fitted, float | None]:
+        """A refit at its best reach; what it is worth, and its held-out error if that matters."""
+        id = found.result.ids[i]
+        # a law that is steep may be far behind until it is begun so
+        steep = most < LARGE and issubclass(CAUSES[id], FirstSpring)
+        if steep or fitted.evidence - here.evidence >= FAR_BEHIND * most:
+            fitted = reached(self.space, fitted, id, here)
+        chance = 2.0 * found.result.null_median[i] + worth_needed(fitted, id)
+        worth = float(fitted.evidence - here.evidence - chance)
+        return worth, fitted, self.error(0, fitted) if worth > 0.0 else None
 
     def bar(self, id: str, here: Fitted, why: str, nearer: float) -> None:
         """Refuse a cause until the held-out error is below so much of what it is now."""
@@ -333,6 +362,10 @@ class Search:
                 return f"no larger than what the assumed law of {other} may be wrong by"
         return None
 
+    def keep_error(self, fitted: Fitted, error: float) -> None:
+        """Held-out error of a rung by the first way of holding out, found elsewhere."""
+        self.errors[0, id(fitted.point)] = error, fitted.point
+
     def error(self, k: int, fitted: Fitted) -> float:
         """Held-out error of a rung by the k-th way of holding out."""
         key = (k, id(fitted.point))
@@ -354,7 +387,6 @@ class Search:
     def refitted(self, here: Fitted, found: Found, i: int) -> Fitted | None:
         """The model with a cause put in; None where that comes to nothing."""
         candidate = found.candidates[i]
-        self.tell(f"refit with {candidate.id}")
         columns, form = found.chosen[candidate.id]
         try:
             settle(self.space, here.point)
@@ -369,9 +401,6 @@ class Search:
         if fitted is None or does_nothing(self.space, fitted.point, candidate.id) or (
             needless(fitted, [candidate.id]) is not None
         ):  # fmt: skip
-            self.bar(candidate.id, here,
-                     "once refitted it came out at a limit, or no different from nothing",
-                     MUCH_NEARER)
             return None
         return fitted
 
@@ -386,11 +415,12 @@ class Search:
         """The steps, each fitted with those before it; made anew where members have changed."""
         if not self.rearranged:
             return self.steps
-        out, members = [], [s.cause for s in self.steps]
-        for k, step in enumerate(self.steps[:-1]):
-            self.tell(f"refit up to {step.cause}")
-            point = self.steps[-1].fitted.point
-            for id in members[k + 1 :]:
-                point = less_point(point, id)
-            out.append(replace(step, fitted=refit(self.space, point)))
-        return [*out, self.steps[-1]]
+        members, last = [s.cause for s in self.steps], self.steps[-1]
+        self.tell(f"refit up to {', '.join(members[:-1])}, one by one")
+        point, points = last.fitted.point, list[Point]()
+        for id in members[:0:-1]:
+            point = less_point(point, id)
+            points.insert(0, point)
+        fits = abreast(self.space, [partial(refit, self.space, p) for p in points],
+                       last.fitted.parts)  # fmt: skip
+        return [*(replace(s, fitted=f) for s, f in zip(self.steps, fits, strict=False)), last]

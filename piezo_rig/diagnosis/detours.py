@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from piezo_rig.diagnosis.abreast import abreast
 from piezo_rig.diagnosis.refit import Fitted, refit, settle
 from piezo_rig.diagnosis.scan import LATER, scan
 from piezo_rig.diagnosis.spare import NEEDED, less_point
@@ -26,13 +28,15 @@ def detour(search: Search) -> bool:
     """
     if len(search.causes) < 2:
         return False
-    full, without = search.fitted, []
-    for member in search.causes:
-        search.tell(f"refit without {member}")
-        less = refit(search.space, less_point(full.point, member), held=True)
-        without.append((member, less))
+    full, members = search.fitted, search.causes
+    search.tell(f"refit without {', '.join(members)}, one by one")
+    without = abreast(search.space, [
+        partial(refit, search.space, less_point(full.point, member), held=True)
+        for member in members
+    ], full.parts)  # fmt: skip
     taken = 0
-    for member, less in sorted(without, key=lambda m: -m[1].evidence):
+    pairs = zip(members, without, strict=True)
+    for member, less in sorted(pairs, key=lambda m: -m[1].evidence):
         if taken == DETOURS:
             break
         settle(search.space, less.point)

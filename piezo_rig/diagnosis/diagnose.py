@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 
@@ -12,6 +13,7 @@ import numpy as np
 from piezo_rig.causes import CAUSES, named_model
 from piezo_rig.causes.cause import Cause, FirstSpring
 from piezo_rig.chain import Model, Parameter
+from piezo_rig.diagnosis.abreast import abreast
 from piezo_rig.diagnosis.checks import baseline_warnings, data_warnings, far_off, further_off
 from piezo_rig.diagnosis.climb import BEND
 from piezo_rig.diagnosis.climbed import climbed
@@ -151,6 +153,10 @@ def _diagnosed(
     spread = search.spread
     model = final_model(last, name, spread)
     confused: dict[str, list[str]] = {}
+    told = [s for s in steps if s.cause != BEND]
+    apart = dict(zip((s.cause for s in told), abreast(
+        space, [partial(confusion, space, last, s.cause) for s in told]
+    ), strict=True))  # fmt: skip
     for i, step in enumerate(steps):
         if step.cause == BEND:
             notes.append(
@@ -158,7 +164,7 @@ def _diagnosed(
                 "linear in the drive"
             )
             continue
-        found = confusion(space, last, step.cause)
+        found = apart[step.cause]
         members = [s.cause for s in steps]
         confused[step.cause] = [
             *found.alternatives,

@@ -7,8 +7,9 @@ that whatever `simulate` can play can be refitted; nothing here knows a cause by
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,6 +39,10 @@ class Point:
     model: Model
     fixed: tuple[str, ...] = ()
     sizes: tuple[tuple[str, str, float], ...] = ()
+
+    def __getstate__(self) -> dict[str, Any]:
+        """What it is made from; its neighbours are made anew where they are needed."""
+        return {f.name: getattr(self, f.name) for f in fields(self)}
 
     @property
     def tables(self) -> list[Stage]:

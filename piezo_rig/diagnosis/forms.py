@@ -8,11 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
 from piezo_rig.causes.cause import Cause
 from piezo_rig.chain import Stage
+from piezo_rig.diagnosis.abreast import abreast
 from piezo_rig.diagnosis.likelihood import Likelihood, reduce
 from piezo_rig.diagnosis.linear import Linear
 from piezo_rig.diagnosis.refit import Fitted, playable, refit, settle
@@ -78,12 +80,11 @@ def beside_kinks(space: Space, fitted: Fitted, id: str) -> Fitted:
         return fitted
     step_s = 1.0 / space.groups.rate
     below = np.floor(stage[stage.kinked] / step_s)
-    tried = [fitted]
-    for whole in (below, below + 1.0):
-        for beside in (-BESIDE, BESIDE):
-            there = (whole + beside) * step_s
-            tried.append(at_values(space, fitted, id, {stage.kinked: float(there)}))
-    return max(tried, key=lambda f: f.evidence)
+    tried = abreast(space, [
+        partial(at_values, space, fitted, id, {stage.kinked: float((whole + beside) * step_s)})
+        for whole in (below, below + 1.0) for beside in (-BESIDE, BESIDE)
+    ], fitted.parts)  # fmt: skip
+    return max([fitted, *tried], key=lambda f: f.evidence)
 
 
 def reached(space: Space, fitted: Fitted, id: str, than: Fitted) -> Fitted:
@@ -102,15 +103,18 @@ def reached(space: Space, fitted: Fitted, id: str, than: Fitted) -> Fitted:
     def worth(f: Fitted) -> float:
         return f.evidence - FADES * _taper(f, id)
 
-    begun = [fitted]
+    def tied(begun: Fitted) -> Fitted:
+        return summit(space, _tied(space, begun, id), id)
+
     if fitted.evidence > than.evidence + PLAIN:
-        begun = [_tied(space, f, id) for f in _forms(space, fitted, id, than)]
-    best = max((summit(space, f, id) for f in begun), key=worth)
+        best = max(abreast(space, [partial(tied, f) for f in _forms(space, fitted, id, than)],
+                           fitted.parts), key=worth)  # fmt: skip
+    else:
+        best = summit(space, fitted, id)
     if "slope" not in stage.parameters or best.evidence > than.evidence + LARGE:
         return best
-    steep = _steep(space, best, id, than)
-    steep = [summit(space, _tied(space, f, id), id) for f in steep]
-    return max([best, *steep], key=worth)
+    steep = [partial(tied, f) for f in _steep(space, best, id, than)]
+    return max([best, *abreast(space, steep, fitted.parts)], key=worth)
 
 
 def _steep(space: Space, fitted: Fitted, id: str, than: Fitted) -> list[Fitted]:
@@ -122,11 +126,8 @@ def _steep(space: Space, fitted: Fitted, id: str, than: Fitted) -> list[Fitted]:
     assert stage is not None
     slope = float(np.copysign(STEEP / space.groups.travel_um, stage["slope"]))
     tried, worth = _scanned(space, stage.with_values(slope=slope), than)
-    return [
-        max((at_values(space, fitted, id, {n: tried[k][n] for n in ("reach", "taper", "slope")})
-             for k in likeliest), key=lambda f: f.evidence)
-        for likeliest in _likeliest(tried, worth)
-    ]  # fmt: skip
+    found = _from(space, fitted, id, ("reach", "taper", "slope"), tried, worth)
+    return [max(same, key=lambda f: f.evidence) for same in found]
 
 
 def _taper(fitted: Fitted, id: str) -> float:
@@ -178,11 +179,8 @@ def _forms(space: Space, fitted: Fitted, id: str, than: Fitted) -> list[Fitted]:
     start = fitted.point.model.stage(id)
     assert start is not None
     tried, worth = _scanned(space, start, than)
-    best = [
-        fitted,
-        *(at_values(space, fitted, id, {n: tried[k][n] for n in ("reach", "taper")})
-          for likeliest in _likeliest(tried, worth) for k in likeliest),
-    ]  # fmt: skip
+    found = _from(space, fitted, id, ("reach", "taper"), tried, worth)
+    best = [fitted, *(f for same in found for f in same)]
     return [
         max(same, key=lambda f: f.evidence)
         for form in FORMS if (same := [f for f in best if _taper(f, id) == form])
@@ -200,6 +198,19 @@ def _scanned(space: Space, start: Stage, than: Fitted) -> tuple[list[Stage], lis
     likelihood = Likelihood(reduce(space.linear(than.point, pairs)))
     without = likelihood.evidence(())
     return tried, [likelihood.evidence([k]) - without for k in range(len(tried))]
+
+
+def _from(
+    space: Space, fitted: Fitted, id: str, names: Sequence[str], tried: Sequence[Stage],
+    worth: Sequence[float],
+) -> list[list[Fitted]]:
+    """Refits, form by form, from where a law's likeliest tries have some of its parameters."""
+    by_form = _likeliest(tried, worth)
+    fits = iter(abreast(space, [
+        partial(at_values, space, fitted, id, {n: tried[k][n] for n in names})
+        for likeliest in by_form for k in likeliest
+    ], fitted.parts))  # fmt: skip
+    return [[next(fits) for _ in likeliest] for likeliest in by_form]
 
 
 def _likeliest(tried: Sequence[Stage], worth: Sequence[float]) -> list[list[int]]:

@@ -29,7 +29,8 @@ BESIDE_CORNERS = 60  # corners beside which samples are kept, in all, and of eac
 OF_EACH = 2
 SAME_DRIVE = 0.01  # rms difference, of the drive's range
 LOOKED_BACK = 3  # recordings
-SLOWEST = 450.0  # samples per second that thinning leaves at least, where there are as many
+SLOWEST, SLOW = 200.0, 450.0  # samples per second that thinning leaves at least, and always at most
+OF_A_HALF_LOOP = 50.0  # samples that it leaves of a short half loop, between those rates
 
 
 @dataclass(frozen=True, eq=False)
@@ -255,11 +256,18 @@ def group_tracks(data: Data, sweeps: Sequence[Sweep]) -> Groups:
     offset = float(np.median([s.offset_v for s in sweeps]))
     offset = offset or max(float(g.drive_v.max()) for g in groups)
     total = sum(b - a for g in groups for a, b in g.blocks)
-    factor = int(np.clip(np.ceil(total / ENOUGH), 1, max(1, rate / SLOWEST)))
+    factor = int(np.clip(np.ceil(total / ENOUGH), 1, max(1, rate / _slowest(groups, rate))))
     if total <= FEW or factor == 1:
         return Groups(groups, rate, 1, offset)
     most = max(BESIDE_CORNERS // len(groups), OF_EACH)
     return Groups(tuple(_fine(g, rate, factor, most) for g in groups), rate, factor, offset)
+
+
+def _slowest(groups: Sequence[Group], rate: float) -> float:
+    """Samples per second that short half loops need; most are about as short in a matrix."""
+    lengths = np.concatenate([g.loops.stop - g.loops.start for g in groups])
+    short_s = float(np.percentile(lengths, 10)) / rate if lengths.size else 0.0
+    return float(np.clip(OF_A_HALF_LOOP / max(short_s, 1e-9), SLOWEST, SLOW))
 
 
 def _fine(group: Group, rate: float, factor: int, most: int) -> Group:

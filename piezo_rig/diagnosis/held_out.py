@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
 
+from piezo_rig.diagnosis.chances import normal_half_width, student_half_width
 from piezo_rig.diagnosis.fit import Point
 from piezo_rig.diagnosis.groups import Groups
 from piezo_rig.diagnosis.refit import Fitted, element_step, parameter_step, settle
@@ -226,7 +226,7 @@ def gain(before: Errors, after: Errors, rng: np.random.Generator) -> tuple[float
         ratio = after.square[pick].sum() / max(before.square[pick].sum(), 1e-300)
         drawn[k] = 100.0 * (1.0 - np.sqrt(ratio))
     freedom = max(len(members) - 1, 2)
-    inflate = np.sqrt(2.0) * stats.t.ppf(0.975, freedom) / stats.norm.ppf(0.975)
+    inflate = np.sqrt(2.0) * student_half_width(freedom) / normal_half_width()
     low, high = np.percentile(drawn, [2.5, 97.5])
     return value, [value - inflate * (value - low), min(value + inflate * (high - value), 100.0)]
 
@@ -248,7 +248,7 @@ def _between_repeats(
     found = np.array([m.size * np.var(off[m], ddof=1) for m in members]) / share
     variance = float(freedom @ found / freedom.sum() * share.sum())
     of_rms = 50.0 * np.sqrt(2.0 * variance / max(ratio, 1e-300)) / max(before.square.sum(), 1e-300)
-    return float(stats.t.ppf(0.975, max(freedom.sum(), 2.0)) * of_rms)
+    return float(student_half_width(max(freedom.sum(), 2.0)) * of_rms)
 
 
 def _fallen(before: Errors, after: Errors, m: NDArray[np.int64], ratio: float) -> float:

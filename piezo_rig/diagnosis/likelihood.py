@@ -18,9 +18,9 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
 from scipy.linalg import lapack
 
+from piezo_rig.diagnosis.chances import gamma_above
 from piezo_rig.diagnosis.linear import Linear
 
 FloatArray = NDArray[np.float64]
@@ -427,5 +427,5 @@ def tail(value: float, nulls: FloatArray) -> float:
     # moments wobble: the tail is taken a little heavier than they say
     spread *= 1.0 + 1.0 / np.sqrt(2.0 * nulls.size)
     shape = (mean / spread) ** 2
-    p = float(stats.gamma.sf(value, shape, scale=spread**2 / mean))
+    p = gamma_above(value, shape, spread**2 / mean)
     return max(p, 1e-300)

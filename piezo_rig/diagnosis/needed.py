@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy import stats
 
 from piezo_rig.causes import CAUSES
+from piezo_rig.diagnosis.chances import chi2_at
 from piezo_rig.diagnosis.fit import Point
 from piezo_rig.diagnosis.refit import Fitted, changed_um, playable
 from piezo_rig.diagnosis.space import Space
@@ -51,7 +51,7 @@ def needless(fitted: Fitted, causes: list[str]) -> str | None:
             of_rest = fitted.covariance[np.ix_(rest, rest)]
             covariance = covariance - cross @ np.linalg.pinv(of_rest, hermitian=True) @ cross.T
         distance = float(off @ np.linalg.solve(covariance, off))
-        if distance < stats.chi2.isf(DIFFERENT, len(index)):
+        if distance < chi2_at(DIFFERENT, len(index)):
             return cause
     return None
 

@@ -11,13 +11,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
 from scipy.optimize import brentq
 
 from piezo_rig.causes.cause import Cause, FirstSpring
+from piezo_rig.diagnosis.abreast import abreast
+from piezo_rig.diagnosis.chances import normal_below
 from piezo_rig.diagnosis.first_spring import offset_of
 from piezo_rig.diagnosis.forms import FADES, at_values, summit
 from piezo_rig.diagnosis.ladder import Ladder
@@ -73,10 +75,12 @@ def over_reaches(space: Space, fitted: Fitted, id: str) -> tuple[Fitted, Interva
         tried += _all_about(space, other, id)
     tried = [fitted, *(f for f in tried[1:] if _inside(f, id))]
     most = max(_worth(f, id) for f in tried)
+    near = []
     for taper in (0.0, 1.0):
         same = [f for f in tried if _stage(f, id)["taper"] == taper]
         if same and max(_worth(f, id) for f in same) > most - NEGLIGIBLE:
-            tried.append(summit(space, max(same, key=lambda f: f.evidence), id))
+            near.append(partial(summit, space, max(same, key=lambda f: f.evidence), id))
+    tried += abreast(space, near, fitted.parts)
     worth = np.array([_worth(f, id) for f in tried])
     best = tried[int(np.argmax(worth))]
     if worth.max() > worth[0] + BETTER:
@@ -92,15 +96,18 @@ def over_reaches(space: Space, fitted: Fitted, id: str) -> tuple[Fitted, Interva
 
 def _all_about(space: Space, fitted: Fitted, id: str) -> list[Fitted]:
     """Fits for reach after reach, to either side until the data allow no more."""
-    out, best = [fitted], fitted.evidence
-    for factor in (STEP, 1.0 / STEP):
-        here = fitted
-        for k in range(MOST):
-            there = at_values(space, here, id, {"reach": factor * _stage(here, id)["reach"]})
-            if there is here or (k >= LEAST and there.evidence < best - NEGLIGIBLE):
-                break
-            best, here = max(best, there.evidence), there
-            out.append(there)
+    both = [partial(_to_one_side, space, fitted, id, factor) for factor in (STEP, 1.0 / STEP)]
+    return [fitted, *(f for side in abreast(space, both, fitted.parts) for f in side)]
+
+
+def _to_one_side(space: Space, fitted: Fitted, id: str, factor: float) -> list[Fitted]:
+    out, best, here = [], fitted.evidence, fitted
+    for k in range(MOST):
+        there = at_values(space, here, id, {"reach": factor * _stage(here, id)["reach"]})
+        if there is here or (k >= LEAST and there.evidence < best - NEGLIGIBLE):
+            break
+        best, here = max(best, there.evidence), there
+        out.append(there)
     return out
 
 
@@ -164,7 +171,7 @@ def _interval(weights: FloatArray, parts: Sequence[tuple[float, float]]) -> tupl
     low, high = float(np.min(mean - 9.0 * spread)), float(np.max(mean + 9.0 * spread))
 
     def below(x: float) -> float:
-        return float(weights @ stats.norm.cdf((x - mean) / spread))
+        return float(weights @ normal_below((x - mean) / spread))
 
     return (
         float(brentq(lambda x: below(x) - TAIL, low, high)),

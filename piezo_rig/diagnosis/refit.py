@@ -60,6 +60,11 @@ class Fitted:
             self.space.keep(self.point, known)
         return known
 
+    @property
+    def parts(self) -> list[object]:
+        """Itself and what it is made from, down to the stages: see `abreast`."""
+        return [self, self.point, self.point.model, *self.point.model.stages]
+
 
 def element_step(
     point: Point, linear: Linear, pieces: Sequence[int] | None, moved: FloatArray

@@ -14,10 +14,10 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
 
 from piezo_rig.causes import CAUSES, NAMED_MODELS
 from piezo_rig.chain import Model, Parameter, Stage
+from piezo_rig.diagnosis.chances import student_above, student_half_width
 from piezo_rig.diagnosis.checks import FAR_OFF
 from piezo_rig.diagnosis.groups import Groups
 from piezo_rig.diagnosis.held import best_um_of
@@ -173,10 +173,10 @@ def change_since(
     if _rms(best.left) > LEFT * both.changed_um:
         return None
     spread, freedom = best.spread(both.unit)
-    p = 2.0 * float(stats.t.sf(abs(best.ratio - 1.0) / max(spread, 1e-300), freedom))
+    p = 2.0 * student_above(abs(best.ratio - 1.0) / max(spread, 1e-300), freedom)
     if p * tried >= LEVEL:
         return None
-    half = float(stats.t.ppf(0.975, freedom)) * spread
+    half = student_half_width(freedom) * spread
     ratio = Parameter(best.ratio, "1", (best.ratio - half, best.ratio + half))
     stage = CAUSES[best.cause].of(None, ratio=best.ratio, **best.stays_v)
     stage = type(stage)({**stage.parameters, "ratio": ratio}, stage.elements)

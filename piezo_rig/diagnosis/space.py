@@ -7,8 +7,9 @@ After that, refits, tests and bootstraps are linear algebra on a few hundred row
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from copy import copy
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple, TypeVar
 
@@ -17,6 +18,7 @@ from numpy.typing import NDArray
 
 from piezo_rig.chain import Model, Signal, Stage
 from piezo_rig.diagnosis import basis, dictionary, held
+from piezo_rig.diagnosis.abreast import alone
 from piezo_rig.diagnosis.dictionary import Scales
 from piezo_rig.diagnosis.fit import Point
 from piezo_rig.diagnosis.groups import Group, Groups
@@ -86,6 +88,13 @@ class Space:
         """How many sets of columns are kept: fewer of long data, for they are large."""
         samples = sum(p.end - p.begin for p in self.pieces)
         return int(np.clip(KEPT // max(samples, 1), LEAST_KEPT, MOST_KEPT))
+
+    def state(self) -> dict[str, Any]:
+        """All that changes as models come and go, to `restore`."""
+        return {k: copy(v) if isinstance(v, dict | list) else v for k, v in vars(self).items()}
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        vars(self).update(state)
 
     @property
     def noise_nm(self) -> float:
@@ -263,7 +272,9 @@ class Space:
         )  # fmt: skip
 
     def _each_group(self, make: Callable[[int], list[Made]]) -> list[Made]:
-        """What ``make`` makes of every group, by two threads: most of it is outside the lock."""
+        """What ``make`` makes of every group, by two threads: some of it is outside the lock."""
+        if not alone():
+            return [row for index in range(len(self.groups.groups)) for row in make(index)]
         with ThreadPoolExecutor(THREADS) as pool:
             return [row for rows in pool.map(make, range(len(self.groups.groups))) for row in rows]
 

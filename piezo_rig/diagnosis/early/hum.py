@@ -12,11 +12,12 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import fft, stats
+from scipy import fft
 
 from piezo_rig.causes import CAUSES
 from piezo_rig.causes.mains_hum import FUNDAMENTALS_HZ, ORDERS
 from piezo_rig.chain import Model, Parameter, Stage
+from piezo_rig.diagnosis.chances import chi2_above
 from piezo_rig.diagnosis.groups import Group, Groups
 
 FloatArray = NDArray[np.float64]
@@ -97,8 +98,8 @@ def find_hum(groups: Groups, model: Model) -> Hum | None:
         at = fundamental + np.asarray(OFF_HZ, float)
         scores, share = _line(rows, np.outer(at, orders))
         for f, own in zip(at.tolist(), scores, strict=True):
-            lone = float(stats.chi2.sf(2.0 * own[0], 2.0 * share))
-            joint = float(stats.chi2.sf(2.0 * own.sum(), 2.0 * share * len(orders)))
+            lone = float(chi2_above(2.0 * own[0], 2.0 * share))
+            joint = float(chi2_above(2.0 * own.sum(), 2.0 * share * len(orders)))
             p = max(1e-300, 2.0 * min(lone, joint) * len(OFF_HZ) * len(FUNDAMENTALS_HZ))
             if best is None or p < best[0]:
                 best = (p, f)

@@ -9,9 +9,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import stats
 
 from piezo_rig.chain import Model
+from piezo_rig.diagnosis.chances import chi2_above
 from piezo_rig.diagnosis.early.hum import AROUND, INDEPENDENT, rows_of
 from piezo_rig.diagnosis.groups import Groups
 
@@ -56,7 +56,7 @@ def find_line(groups: Groups, model: Model) -> Line | None:
         heard[told] += 1.0
     chance = np.ones(f.size)
     told = heard > 0
-    chance[told] = stats.chi2.sf(2.0 * score[told], 2.0 * share[told])
+    chance[told] = chi2_above(2.0 * score[told], 2.0 * share[told])
     k = int(np.argmin(chance))
     if not told[k]:
         return None

@@ -13,13 +13,13 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import optimize, stats
-from scipy.signal import lfilter
+from scipy import optimize
 
 from piezo_rig.causes import CAUSES
 from piezo_rig.causes.drive_clipping import NEVER_V
 from piezo_rig.chain import Parameter, Stage
 from piezo_rig.chain.stage import Signal
+from piezo_rig.diagnosis.chances import chi2_above
 from piezo_rig.diagnosis.early.corners import At, Corners, corners_of
 from piezo_rig.diagnosis.groups import Groups
 from piezo_rig.run_file.sweep import Sweep
@@ -233,7 +233,7 @@ class _Reader:
             self.hear(there)
             here, there = self.again(here), self.again(there)
             gained = (here.misfit - there.misfit) / TWICE
-            chance = max(float(stats.chi2.sf(gained, 2)), LEAST) * count * len(GRIDS)
+            chance = max(float(chi2_above(gained, 2)), LEAST) * count * len(GRIDS)
             if not (chance < level and gained > PLAIN):
                 self.hear(here)
                 here = self.again(here)
@@ -277,7 +277,7 @@ class _Reader:
                 "is late by that, the generator holds its samples, or the monitor's own channel "
                 "is late"
             )
-            chance = max(float(stats.chi2.sf(gained, 1)), LEAST) * count
+            chance = max(float(chi2_above(gained, 1)), LEAST) * count
             half = self.delay_half_s(here)
             delay = Parameter(late, "s", (late - half, late + half))
             told.append(Told(CAUSES[SKEW]({"delay": delay}), chance))
@@ -368,6 +368,8 @@ class _Reader:
 
 def _lines(v: FloatArray, tau: float) -> At:
     """Straight between samples, behind a lag of ``tau`` samples (0: none), at any instant."""
+    from scipy.signal import lfilter  # takes long to load
+
     steps = np.append(np.diff(v), 0.0)
     behind = np.zeros(v.size)  # how far the lag is behind at each sample
     if tau > 0.0:
@@ -387,6 +389,8 @@ def _lines(v: FloatArray, tau: float) -> At:
 
 def _stairs(v: FloatArray, tau: float) -> At:
     """Held from each sample to the next, behind a lag of ``tau`` samples, at any instant."""
+    from scipy.signal import lfilter
+
     decay = np.exp(-1.0 / tau)
     state = v[0] + lfilter([0.0, 1.0 - decay], [1.0, -decay], v - v[0])
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
 
+from piezo_rig.diagnosis.chances import normal_above
 from piezo_rig.diagnosis.early.mended import DROP, JUMP, STEP_UM, Break
 from piezo_rig.diagnosis.early.traces import Stretch, Whitened, own_part
 from piezo_rig.diagnosis.groups import Groups
@@ -49,7 +49,7 @@ class Search:
 
     def chance(self, gained: float) -> float:
         """Of as much by noise at any of the instants, for either cause."""
-        return min(1.0, 4.0 * self.tried * float(stats.norm.sf(np.sqrt(2.0 * gained))))
+        return min(1.0, 4.0 * self.tried * normal_above(float(np.sqrt(2.0 * gained))))
 
     def own(self, stretch: Stretch, row: int) -> FloatArray:
         """What a recording has of its own in a stretch, thinned."""

@@ -6,10 +6,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage, stats
+from scipy import ndimage
 
 from piezo_rig.causes import CAUSES
 from piezo_rig.chain import Model, Parameter, Stage
+from piezo_rig.diagnosis.chances import chi2_at, normal_above, poisson_above
 from piezo_rig.diagnosis.groups import Groups
 
 FloatArray = NDArray[np.float64]
@@ -60,8 +61,8 @@ class Spikes:
     def stage(self) -> Stage:
         count = len(self.spikes)
         rate = count / self.seconds
-        low = stats.chi2.ppf(0.025, 2 * count) / 2.0 / self.seconds if count else 0.0
-        high = stats.chi2.ppf(0.975, 2 * count + 2) / 2.0 / self.seconds
+        low = chi2_at(0.975, 2 * count) / 2.0 / self.seconds if count else 0.0
+        high = chi2_at(0.025, 2 * count + 2) / 2.0 / self.seconds
         kind = CAUSES["outliers"]
         return kind({"per_second": Parameter(rate, "1/s", (float(low), float(high)))})
 
@@ -82,7 +83,7 @@ def find_spikes(groups: Groups, model: Model) -> Spikes:
 def _credible(found: Spikes, groups: Groups) -> bool:
     """Whether few of the spikes can be noise."""
     samples = sum(g.measured_um.size for g in groups.groups)
-    return samples * 2.0 * float(stats.norm.sf(NEARER)) < BY_CHANCE * len(found.spikes)
+    return samples * 2.0 * normal_above(NEARER) < BY_CHANCE * len(found.spikes)
 
 
 def _found(groups: Groups, model: Model, far: float) -> Spikes:
@@ -104,8 +105,8 @@ def _found(groups: Groups, model: Model, far: float) -> Spikes:
         cleaned.append(group.with_measured(np.array(rows)))
         seconds += group.repeats * float(group.time_s[-1] - group.time_s[0])
         samples += group.measured_um.size
-    chance, count = samples * 2.0 * float(stats.norm.sf(far)), len(spikes)
-    p = float(stats.poisson.sf(count - 1, max(chance, 1e-6))) if count else 1.0
+    chance, count = samples * 2.0 * normal_above(far), len(spikes)
+    p = poisson_above(count - 1, max(chance, 1e-6)) if count else 1.0
     if count == 0:
         return Spikes(groups, (), seconds, 1.0)
     return Spikes(groups.with_(cleaned), tuple(spikes), seconds, max(p, 1e-12))

@@ -1,0 +1,191 @@
+"""Independent steps of a diagnosis, by two processes at a time.
+
+Most of a diagnosis is many short steps that hold the interpreter's lock, so threads hardly help.
+A forked process has all that its parent knows and hands back only what it found. Where there is
+one processor, no fork, or this process is itself one of several, the steps are done one after the
+other; what comes out is the same, because each begins with the space as it was.
+"""
+
+from __future__ import annotations
+
+import io
+import multiprocessing
+import os
+import pickle
+import signal
+import sys
+import threading
+import warnings
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from typing import Any, NoReturn, Protocol, TypeVar
+
+Made = TypeVar("Made")
+
+
+class Settled(Protocol):
+    """What steps change as they go, and may have back."""
+
+    def state(self) -> Mapping[str, Any]: ...
+    def restore(self, state: Mapping[str, Any]) -> None: ...
+
+
+class _State:
+    """Of this process: whether several steps are under way."""
+
+    busy = False
+
+
+def alone() -> bool:
+    """Whether the other processor has nothing to do."""
+    return not _State.busy
+
+
+def abreast(
+    space: Settled, steps: Sequence[Callable[[], Made]], known: Iterable[object] = ()
+) -> list[Made]:
+    """What each step gives, in order.
+
+    Parameters
+    ----------
+    space : as it is now for every step, and afterwards
+    steps : what they give must be possible to pickle; what else they change may be lost
+    known : objects that come back as themselves where they are part of what a step gives
+
+    Raises
+    ------
+    Exception : of a step that failed
+    """
+    if len(steps) < 2:
+        return [step() for step in steps]
+    if _State.busy or not _possible():
+        return [_isolated(space, step) for step in steps]
+    kept = {id(o): o for o in (space, *known)}
+    with _busy(), _Tickets(len(steps)) as tickets:
+        child, answer = _forked(space, steps, tickets, kept)
+        found: dict[int, Any] = {}
+        try:
+            for k in tickets:
+                found[k] = _isolated(space, steps[k])
+            found |= _received(answer, kept)
+        except BaseException:
+            os.kill(child, signal.SIGKILL)
+            raise
+        finally:
+            os.close(answer)
+            os.waitpid(child, 0)
+        for k in range(len(steps)):
+            if k not in found:  # failed there, as for want of memory, or raises here as well
+                found[k] = _isolated(space, steps[k])
+    return [found[k] for k in range(len(steps))]
+
+
+def _possible() -> bool:
+    return (
+        sys.platform.startswith("linux")
+        and len(os.sched_getaffinity(0)) > 1
+        and multiprocessing.parent_process() is None
+        and threading.active_count() == 1
+    )
+
+
+@contextmanager
+def _busy() -> Iterator[None]:
+    _State.busy = True
+    try:
+        yield
+    finally:
+        _State.busy = False
+
+
+class _Tickets:
+    """Numbers of steps that nobody has begun, in a pipe that two processes read from."""
+
+    def __init__(self, count: int) -> None:
+        self._read, write = os.pipe()
+        os.write(write, b"".join(k.to_bytes(2, "big") for k in range(count)))
+        os.close(write)
+
+    def __enter__(self) -> _Tickets:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        os.close(self._read)
+
+    def __iter__(self) -> Iterator[int]:
+        while ticket := os.read(self._read, 2):
+            yield int.from_bytes(ticket, "big")
+
+
+def _isolated(space: Settled, step: Callable[[], Made]) -> Made:
+    state = space.state()
+    try:
+        return step()
+    finally:
+        space.restore(state)
+
+
+def _forked(
+    space: Settled,
+    steps: Sequence[Callable[[], Any]],
+    tickets: _Tickets,
+    kept: Mapping[int, object],
+) -> tuple[int, int]:
+    """Process id, and where its answer can be read."""
+    read, write = os.pipe()
+    with warnings.catch_warnings():
+        # some Python versions warn of threads; those of linear algebra are made anew
+        warnings.simplefilter("ignore", DeprecationWarning)
+        child = os.fork()
+    if child == 0:
+        os.close(read)
+        _child(space, steps, tickets, kept, write)
+    os.close(write)
+    return child, read
+
+
+def _child(
+    space: Settled,
+    steps: Sequence[Callable[[], Any]],
+    tickets: _Tickets,
+    kept: Mapping[int, object],
+    write: int,
+) -> NoReturn:
+    try:
+        signal.signal(signal.SIGINT, signal.SIG_DFL)  # the parent speaks for both
+        found = {}
+        for k in tickets:
+            with suppress(Exception):
+                found[k] = _isolated(space, steps[k])
+        with os.fdopen(write, "wb") as out:
+            _Pickler(out, kept).dump(found)
+    finally:
+        os._exit(0)  # the parent does what it does not hear of
+
+
+def _received(answer: int, kept: Mapping[int, object]) -> dict[int, Any]:
+    with os.fdopen(os.dup(answer), "rb") as file:
+        raw = file.read()
+    try:
+        found: dict[int, Any] = _Unpickler(io.BytesIO(raw), kept).load()
+    except (EOFError, pickle.UnpicklingError):
+        return {}
+    return found
+
+
+class _Pickler(pickle.Pickler):
+    def __init__(self, file: Any, kept: Mapping[int, object]) -> None:
+        super().__init__(file, pickle.HIGHEST_PROTOCOL)
+        self._kept = kept
+
+    def persistent_id(self, thing: object) -> int | None:
+        return id(thing) if id(thing) in self._kept else None
+
+
+class _Unpickler(pickle.Unpickler):
+    def __init__(self, file: Any, kept: Mapping[int, object]) -> None:
+        super().__init__(file)
+        self._kept = kept
+
+    def persistent_load(self, number: int) -> object:
+        return self._kept[number]
