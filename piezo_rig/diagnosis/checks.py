@@ -15,6 +15,7 @@ SWITCH = 3.99  # neighbouring positions of the sensitivity switch
 UNLIKE = 0.05  # of the travel: repeats differ by no more
 BAD = 0.3  # of the travel
 FURTHER = 1.3  # times what a given model was off by where it was identified
+BEYOND = 1.1  # times the swing up to which a given model has elements
 FAR_OFF = 3.0  # times the noise, where it was identified
 
 
@@ -78,6 +79,25 @@ def baseline_warnings(groups: Groups, fitted: Fitted) -> list[str]:
             "of another actuator, the calibration differs, or a finding explains it"
         ]
     return []
+
+
+def beyond_its_drives(groups: Groups, fitted: Fitted) -> list[str]:
+    """What is to be said where drives swing further than a given model's elements reach."""
+    stages = [s for s in fitted.point.model.stages if s.elements is not None]
+    if not fitted.point.fixed or len(stages) != 1 or stages[0].elements is None:
+        return []
+    asked, knows = 0.0, float(stages[0].elements.knots_v[-1])
+    for g in groups.groups:
+        swings = np.abs(g.drive_v[g.loops.stop] - g.drive_v[g.loops.start])
+        # from a turning point on an element gives way after twice its threshold
+        swings = np.where(np.arange(swings.size) == 0, 1.0 if g.virgin else 0.5, 0.5) * swings
+        asked = max(asked, float(swings.max(initial=0.0)))
+    if asked <= BEYOND * knows:
+        return []
+    return [
+        f"these drives swing {asked / knows:.3g} times as far as the given model's elements reach: "
+        "beyond, its last slope goes on, and what it gets wrong there may be named as something new"
+    ]
 
 
 def further_off(own_nm: float, left_nm: float) -> list[str]:

@@ -14,7 +14,13 @@ from piezo_rig.causes import CAUSES, named_model
 from piezo_rig.causes.cause import Cause, FirstSpring
 from piezo_rig.chain import Model, Parameter
 from piezo_rig.diagnosis.abreast import abreast
-from piezo_rig.diagnosis.checks import baseline_warnings, data_warnings, far_off, further_off
+from piezo_rig.diagnosis.checks import (
+    baseline_warnings,
+    beyond_its_drives,
+    data_warnings,
+    far_off,
+    further_off,
+)
 from piezo_rig.diagnosis.climb import BEND
 from piezo_rig.diagnosis.climbed import climbed
 from piezo_rig.diagnosis.confusion import confusion
@@ -39,6 +45,7 @@ from piezo_rig.run_file.sweep import Sweep
 
 Tell = Callable[[str], None]
 SHARE = 0.2  # of the false alarms that a search of the raw recordings may take
+BELIEVED = 0.9  # of the spread that is believed beforehand: data that leave so much say nothing
 EVENTS = ("outliers", "fringe-jump", "dropped-samples")  # nothing foretells them: no gain
 
 
@@ -87,6 +94,7 @@ def _diagnosed(
     flat = plain_space(raw, point.model)
     start = refit(flat, point)
     warnings += baseline_warnings(raw, start)
+    notes += beyond_its_drives(raw, start)
     tell("outliers, jumps, lost samples and hum")
     tried = len(TRIED)
     count = sum(1 for k in CAUSES.values() if issubclass(k, Cause))
@@ -261,10 +269,18 @@ def parameters_of(
         if n in stage.parameters and n not in index and p.ci95 is None else p
         for n, p in stage.reported(covariance).items()
     }  # fmt: skip
+    said = {n: p for n, p in said.items() if not _only_believed(stage, n, p)}
     begun = fitted.point.model.stage(cause)
     if isinstance(begun, FirstSpring) and not fitted.point.fixed:
         said["offset"] = offset_of(fitted, begun)
     return {n: _spread(p, spread.get((cause, n))) for n, p in said.items()}
+
+
+def _only_believed(stage: Cause, name: str, p: Parameter) -> bool:
+    """Whether the data say nearly nothing of what a law is taken to be beforehand."""
+    if name not in stage.priors or p.ci95 is None:
+        return False
+    return 0.5 * (p.ci95[1] - p.ci95[0]) > BELIEVED * 1.96 * stage.priors[name][1]
 
 
 def _spread(p: Parameter, interval: tuple[float, float] | None) -> Parameter:

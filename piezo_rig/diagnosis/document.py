@@ -6,6 +6,8 @@ from typing import Any
 
 import numpy as np
 
+from piezo_rig.causes import CAUSES
+from piezo_rig.causes.cause import Cause
 from piezo_rig.chain import Parameter
 from piezo_rig.diagnosis.early.reported import Several
 from piezo_rig.diagnosis.events import LISTED, Event, in_all, size_text, where_text
@@ -108,7 +110,8 @@ def text(d: Diagnosis) -> list[str]:
         )
         for name, p in finding.parameters.items():
             if not (finding.events and name in LISTED):
-                lines.append(f"          {name} = {_number(p)}")
+                chosen = "  (chosen, not measured)" if _is_chosen(finding, name) else ""
+                lines.append(f"          {name} = {_number(p)}{chosen}")
         lines += _events(d, finding)
         if finding.alternatives:
             lines.append(f"          cannot be told from: {', '.join(finding.alternatives)}")
@@ -128,6 +131,12 @@ def text(d: Diagnosis) -> list[str]:
             f"next      play {d.follow_up.protocol}: it separates {cause} from {', '.join(others)}"
         )
     return lines
+
+
+def _is_chosen(finding: Finding, name: str) -> bool:
+    """Whether a parameter is one of the forms that a cause can have."""
+    kind = CAUSES[finding.cause]
+    return issubclass(kind, Cause) and name in kind.given
 
 
 def _events(d: Diagnosis, finding: Finding) -> list[str]:

@@ -243,8 +243,8 @@ def _jumps(where: str, sweep: Sweep) -> list[str]:
     largest = float(np.max(steps[found - 1]))
     return [
         f"{where}: the displacement jumps by up to {largest:.3g} um at sample {_listed(found)} "
-        "while the drive does not: fringes lost, or a beam that was interrupted; the samples are "
-        "used as they are"
+        "while the drive does not: fringes lost, or a beam that was interrupted; a model is "
+        "identified from the samples as they are, a diagnosis takes out what it names"
     ]
 
 

@@ -124,6 +124,14 @@ def _read(
     warned: _Sentences,
 ) -> list[Trace]:
     reader = _READERS.get(path.suffix.lower())
+    if path.is_dir():
+        raise InputError(
+            "import-file",
+            f"{path}: is a folder, not a recording",
+            cause="recordings of one analysis are given one by one",
+            remedy=f"give {path}/*.lvm or the like for one analysis of all; a folder as output, "
+            "with a / at its end, for one analysis of each",
+        )
     if reader is None:
         raise InputError(
             "import-file",
@@ -491,5 +499,8 @@ def _compare_clocks(sweeps: list[Sweep], clocks: dict[str, str], warned: _Senten
                 "overlap, so what happened between them cannot be told"
             ],
         )
-    elif [sweep.name for sweep in ordered] != [sweep.name for sweep in sweeps]:
+    elif [sweep.name for sweep in ordered] != [sweep.name for sweep in sweeps] and (
+        # a pattern gives them in the order of their names, which nobody meant
+        (given := [str(sweep.source) for sweep in sweeps]) != sorted(given)
+    ):
         warned.add("", ["the recordings were not given in the order of their times"])
