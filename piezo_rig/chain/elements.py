@@ -71,21 +71,6 @@ class Elements:
         slides = np.cumsum(compliance * np.diff(np.asarray(knots_v, dtype=float), prepend=0.0))
         return cls.from_slopes(1.0 / compliance, slides)
 
-    def steeper_by(self, slides_at_um: float) -> float:
-        """Mean slope of the first rise up to a displacement less that on as long a stretch after.
-
-        V/um; beyond the last element its slope goes on.
-        """
-        ends = np.append(0.0, self.slides_at_um)
-        volts = np.append(0.0, self.knots_v)
-
-        def at(x: float) -> float:
-            past = max(x - float(ends[-1]), 0.0)
-            return float(np.interp(x, ends, volts) + past * self.slopes[-1])
-
-        first = at(slides_at_um)
-        return (2.0 * first - at(2.0 * slides_at_um)) / slides_at_um
-
     def with_spring(self, k_v_per_um: float, slides_at_um: float) -> Elements:
         """One element more; one that gives way at the same place takes the spring in."""
         same = np.isclose(self.slides_at_um, slides_at_um, rtol=1e-9, atol=0.0)

@@ -22,8 +22,9 @@ from piezo_rig.diagnosis.held_out import (
 )
 from piezo_rig.diagnosis.ladder import Ladder, Step
 from piezo_rig.diagnosis.monitored import corrected, freed, taken_in
+from piezo_rig.diagnosis.over_scales import over_scales
 from piezo_rig.diagnosis.reaches import Intervals, at_their_reaches
-from piezo_rig.diagnosis.refit import Fitted, refit
+from piezo_rig.diagnosis.refit import Fitted, refit, settle
 from piezo_rig.diagnosis.space import Space
 
 WORSE, STRICT, AWAY = 1.03, 1.01, 3.0  # by which an extension may raise held-out errors
@@ -130,4 +131,13 @@ def _at_their_reaches(out: Climbed, tell: Callable[[str], None]) -> Climbed:
     out.ladder, out.spread = at_their_reaches(
         out.space, out.ladder, lambda fitted: out.errors(fitted).rms_nm
     )
+    last = out.ladder.last
+    settle(out.space, last.point)
+    known = replace(last, covariance=over_scales(last))
+    if out.ladder.steps:
+        *before, step = out.ladder.steps
+        steps = (*before, replace(step, fitted=known))
+        out.ladder = replace(out.ladder, steps=steps)
+    else:
+        out.ladder = replace(out.ladder, first=known)
     return out

@@ -17,24 +17,36 @@ from piezo_rig.diagnosis.fit import smoothness
 from piezo_rig.diagnosis.refit import Fitted, smooth_weight
 
 FloatArray = NDArray[np.float64]
+HALFWAY = 0.5
 STEP = 1e-3  # relative, of finite differences
 
 
 def spring_of(table: Elements, reach_um: float) -> float:
-    """Constant part of the first spring, V/um."""
-    return table.steeper_by(0.5 * reach_um)
+    """Constant part of the first spring, V/um.
+
+    By how much the branch is steeper up to the reach than it goes on after it. Other elements give
+    way on that stretch as well, so right behind the reach it is steeper than on the average: how
+    much is between nothing and what a straight line through the next two stretches says.
+    """
+    first, second, third = (_slope(table, k * reach_um, (k + 1) * reach_um) for k in range(3))
+    return first - second - HALFWAY * 0.5 * (second - third)
+
+
+def _slope(table: Elements, begin_um: float, end_um: float) -> float:
+    """Mean slope of a later branch between two displacements, V/um; the last one goes on."""
+    ends, volts = np.append(0.0, table.slides_at_um), np.append(0.0, table.knots_v)
+
+    def at(x: float) -> float:
+        past = max(x - float(ends[-1]), 0.0)
+        return float(np.interp(x, ends, volts) + past * table.slopes[-1])
+
+    return 2.0 * (at(0.5 * end_um) - at(0.5 * begin_um)) / (end_um - begin_um)
 
 
 def _depends(table: Elements, reach_um: float) -> float:
     """By how much it matters where the branch "after the first spring" is taken to be, V/um."""
-    ends, volts = np.append(0.0, table.slides_at_um), np.append(0.0, table.knots_v)
-
-    def slope(begin: float, end: float) -> float:
-        at = np.interp([0.5 * begin, 0.5 * end], ends, volts)
-        return 2.0 * float(at[1] - at[0]) / (end - begin)
-
-    usual = slope(reach_um, 2.0 * reach_um)
-    return max(abs(slope(reach_um, k * reach_um) - usual) for k in (1.5, 3.0))
+    usual = _slope(table, reach_um, 2.0 * reach_um)
+    return max(abs(_slope(table, reach_um, k * reach_um) - usual) for k in (1.5, 3.0))
 
 
 def reach_of(stage: FirstSpring, table: Elements) -> float:

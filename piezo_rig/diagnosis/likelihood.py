@@ -357,6 +357,13 @@ class Likelihood:
         """Profiled scales with some trial columns free."""
         return self._scales(self.summit(columns))
 
+    def grid(self, columns: Sequence[int] = ()) -> dict[tuple[float, float], float]:
+        """Log-likelihood of every pair of scales with some trial columns free, of the residual."""
+        return {
+            self._scales((i, j)): value
+            for i in range(GRID.size) for j, value in enumerate(self._values(i, columns))
+        }  # fmt: skip
+
     def summit(self, columns: Sequence[int] = ()) -> Cell:
         """Where on the grid the likelihood of the residual is largest, with some columns free.
 
