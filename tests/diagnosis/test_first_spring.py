@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from piezo_rig.causes import CAUSES
 from piezo_rig.chain import Elements, Maxwell, Model
-from piezo_rig.diagnosis.first_spring import without_offset
+from piezo_rig.diagnosis.first_spring import spring_of, without_offset
 
 LATER, FIRST = [0.9, 0.6, 0.5, 0.4, 0.3, 0.2, 5.0], [0.7, 0.2, 0.5, 0.3, 0.4, 0.1, 5.5]
 
@@ -32,3 +34,26 @@ def test_a_law_with_its_offset_plays_as_the_law_without_it_and_the_table_it_was_
     time = np.arange(drive.size) / 5e3
     expected = before.simulate(time, drive)
     np.testing.assert_allclose(after.simulate(time, drive), expected, rtol=0, atol=1e-11)
+
+
+def branch(slope_at) -> Elements:
+    """A table whose later branch has this slope, V/um, that far after the turning point, um."""
+    ends = np.linspace(0.005, 4.0, 800)
+    return Elements.from_slopes(slope_at(ends - 0.0025), 0.5 * ends)
+
+
+def test_a_spring_beside_elements_that_give_way_far_later_is_found_as_it_is():
+    table = branch(lambda x: np.where(x < 0.5, 7.8, 7.0))
+    assert spring_of(table, 0.5) == pytest.approx(0.8, rel=1e-6)
+
+
+@given(st.floats(0.1, 1.5), st.floats(0.2, 0.8))
+def test_what_gives_way_behind_the_reach_is_hardly_taken_for_the_spring(spring, reach):
+    def falling(x):  # by 1 V/um for every um: right behind the reach less has given way
+        return np.where(x < reach, 8.0 + spring, 8.0 - (x - reach))
+
+    table = branch(falling)
+    mean_after = 0.5 * reach  # by which the slope right behind the reach is above the mean there
+    found = spring_of(table, reach)
+    assert spring - 0.02 < found < spring + mean_after
+    assert found == pytest.approx(spring + 0.5 * mean_after, abs=0.02)
