@@ -416,7 +416,8 @@ class Search:
         if not self.rearranged:
             return self.steps
         members, last = [s.cause for s in self.steps], self.steps[-1]
-        self.tell(f"refit up to {', '.join(members[:-1])}, one by one")
+        if len(members) > 1:
+            self.tell(f"refit up to {', '.join(members[:-1])}, one by one")
         point, points = last.fitted.point, list[Point]()
         for id in members[:0:-1]:
             point = less_point(point, id)
