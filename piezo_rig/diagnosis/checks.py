@@ -83,19 +83,26 @@ def baseline_warnings(groups: Groups, fitted: Fitted) -> list[str]:
 
 def beyond_its_drives(groups: Groups, fitted: Fitted) -> list[str]:
     """What is to be said where drives swing further than a given model's elements reach."""
-    stages = [s for s in fitted.point.model.stages if s.elements is not None]
-    if not fitted.point.fixed or len(stages) != 1 or stages[0].elements is None:
+    model = fitted.point.model
+    if not fitted.point.fixed:
         return []
-    asked, knows = 0.0, float(stages[0].elements.knots_v[-1])
+    later = model.maxwell.elements
+    own = [s.elements for s in model.stages if s.has_elements and s.id != "maxwell"]
+    first = own[0] if own else later
+    assert later is not None
+    assert first is not None
+    times = 0.0
     for g in groups.groups:
         swings = np.abs(g.drive_v[g.loops.stop] - g.drive_v[g.loops.start])
+        if g.virgin and swings.size:
+            times = max(times, float(swings[0] / first.knots_v[-1]))
+            swings = swings[1:]
         # from a turning point on an element gives way after twice its threshold
-        swings = np.where(np.arange(swings.size) == 0, 1.0 if g.virgin else 0.5, 0.5) * swings
-        asked = max(asked, float(swings.max(initial=0.0)))
-    if asked <= BEYOND * knows:
+        times = max(times, 0.5 * float(swings.max(initial=0.0) / later.knots_v[-1]))
+    if times <= BEYOND:
         return []
     return [
-        f"these drives swing {asked / knows:.3g} times as far as the given model's elements reach: "
+        f"these drives swing {times:.3g} times as far as the given model's elements reach: "
         "beyond, its last slope goes on, and what it gets wrong there may be named as something new"
     ]
 

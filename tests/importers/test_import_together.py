@@ -133,6 +133,21 @@ def test_tables_share_the_clock_of_their_times(tmp_path: Path) -> None:
     assert any("order of their times" in line for line in again.warnings)
 
 
+def test_an_order_by_name_is_nothing_to_speak_of(tmp_path: Path) -> None:
+    time, drive, displacement = triangle(50)
+    first = write(tmp_path / "a.csv", csv_text(DRIVE, [time + 65, drive, displacement]))
+    second = write(tmp_path / "b.csv", csv_text(DRIVE, [time + 5, drive, displacement]))
+    imported = read_recordings([first, second])
+    assert imported.offsets_s == [60, 0]
+    assert imported.warnings == []
+
+
+def test_a_folder_is_no_recording(tmp_path: Path) -> None:
+    write(tmp_path / "a.csv", csv_text(DRIVE, [*triangle(50)]))
+    with pytest.raises(InputError, match="is a folder"):
+        read_recordings([tmp_path])
+
+
 def test_recordings_that_overlap_or_have_two_clocks_are_said(tmp_path: Path) -> None:
     text = csv_text(DRIVE, [*triangle(50)])
     a, b = write(tmp_path / "a.csv", text), write(tmp_path / "b.csv", text)
