@@ -23,6 +23,7 @@ SCHEMA = "piezo-rig/challenge-truth/1"
 BLOCK = ("null", "null", "one", "one", "one", "one", "stranger", "pair")
 D_PRIMES = (20.0, 40.0, 80.0)  # at 4, an oracle misses half of what is there
 SEEN = 10.0  # d' that events must have, which come in one size only
+IN_RANGE = 0.95  # of the sensor's range
 TOGETHER = 0.8  # |cos| up to which two effects make a fair pair
 DRAWS = 12  # attempts at a case in which the effect can be as large as it should
 
@@ -173,7 +174,9 @@ def _kinds(sort: str, seed: int, earlier: int, rng: np.random.Generator) -> list
 def _drawn(
     name: str, kinds: Sequence[Kind], noise: str, asked: float, rng: np.random.Generator
 ) -> Case | None:
-    """One attempt; None where the effects do not show, or cannot be told from each other."""
+    """One attempt; None where the effects do not show, or cannot be told from each other, or
+    where the sensor's output would leave the digitizer's range.
+    """
     protocol = str(rng.choice(PROTOCOLS))
     text = protocol_text(protocol, rng)
     rehearsal = Rehearsal.of(text)
@@ -189,6 +192,8 @@ def _drawn(
             return None
     whole = merged([plant, *(e.table for e in effects)])
     noisy = rehearsal.displacements(whole, clean=False)
+    if rehearsal.range_used(whole) > IN_RANGE:
+        return None
     changes = {e.kind.cause: _share(bench, effects, i) for i, e in enumerate(effects)}
     seen = [a - b for a, b in zip(noisy, bench.bare_um, strict=True)]
     found, alternatives = judge.findings(seen, _rivals(bench, kinds, rng) | changes)

@@ -66,15 +66,27 @@ class Rehearsal:
 
         ``clean`` : without noise and without the sensor's converter
         """
+        rig = self.plan.rig
+        um_per_v = rig.polarity * rig.sensitivity_um_per_v
+        shown = self._shown_v(merged([plant, SILENT]) if clean else plant)
+        return [um_per_v * (seen - seen[0]) for seen in shown]
+
+    def range_used(self, plant: Settings) -> float:
+        """Largest output of the sensor in a run, of the digitizer's range for it.
+
+        Nobody zeroes the sensor between sweeps: what drifts meanwhile counts.
+        """
+        most_v = max(float(np.max(np.abs(seen))) for seen in self._shown_v(plant))
+        return most_v / self.plan.rig.digitizer.sensor_range_v
+
+    def _shown_v(self, plant: Settings) -> list[FloatArray]:
+        """What the sensor puts out, V (n,), in every sweep of a run."""
         from drivers.simulated.plant import Plant
 
-        given = merged([plant, SILENT]) if clean else plant
-        stack: Any = Plant(given)
-        rig = self.plan.rig
-        stack.set_level(0.1, rig.rest_command_v)
+        stack: Any = Plant(plant)
+        stack.set_level(0.1, self.plan.rig.rest_command_v)
         out = []
         for sweep, start in zip(self.plan.sweeps, self.starts_s, strict=True):
             stack.play(start, sweep.wave.command_v, self.rate)
-            seen = stack.record(start, self.rate, sweep.samples).sensor_v
-            out.append(rig.polarity * rig.sensitivity_um_per_v * (seen - seen[0]))
+            out.append(stack.record(start, self.rate, sweep.samples).sensor_v)
         return out

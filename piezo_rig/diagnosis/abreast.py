@@ -62,7 +62,10 @@ def abreast(
         return [_isolated(space, step) for step in steps]
     kept = {id(o): o for o in (space, *known)}
     with _busy(), _Tickets(len(steps)) as tickets:
-        child, answer = _forked(space, steps, tickets, kept)
+        try:
+            child, answer = _forked(space, steps, tickets, kept)
+        except OSError:  # no room for another process
+            return [_isolated(space, step) for step in steps]
         found: dict[int, Any] = {}
         try:
             for k in tickets:
@@ -133,10 +136,16 @@ def _forked(
 ) -> tuple[int, int]:
     """Process id, and where its answer can be read."""
     read, write = os.pipe()
+    child = -1
     with warnings.catch_warnings():
         # some Python versions warn of threads; those of linear algebra are made anew
         warnings.simplefilter("ignore", DeprecationWarning)
-        child = os.fork()
+        try:
+            child = os.fork()
+        finally:
+            if child < 0:
+                os.close(read)
+                os.close(write)
     if child == 0:
         os.close(read)
         _child(space, steps, tickets, kept, write)

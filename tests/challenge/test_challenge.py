@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
+from drivers.simulated.plant import Plant
 from piezo_rig import diagnosis
 from piezo_rig.challenge import contest
 from piezo_rig.challenge.answers import oracle_gains, row_of
@@ -293,3 +294,15 @@ def test_a_case_that_breaks_does_not_stop_the_rest(monkeypatch, tmp_path):
 
 def test_a_process_that_dies_is_a_failure():
     assert dict(contest._each(os._exit, [1], 2)) == {1: contest.Failed("its process died")}
+
+
+@pytest.mark.parametrize(("seed", "index"), [(41, 10), (3, 1)])  # the first once drifted out of it
+def test_no_case_leaves_the_range_of_the_sensor(seed, index):
+    case = draw(seed, index)
+    plan = case.rehearsal.plan
+    stack = Plant(case.truth.plant)
+    stack.set_level(0.1, plan.rig.rest_command_v)
+    for sweep, start_s in zip(plan.sweeps, case.rehearsal.starts_s, strict=True):
+        stack.play(start_s, sweep.wave.command_v, plan.sample_rate)
+        shown_v = stack.record(start_s, plan.sample_rate, sweep.samples).sensor_v
+        assert np.max(np.abs(shown_v)) < plan.rig.digitizer.sensor_range_v

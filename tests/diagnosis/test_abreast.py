@@ -121,6 +121,17 @@ def test_what_a_process_that_dies_had_begun_is_done_all_the_same(monkeypatch):
     assert abreast(Counted(), [lambda k=k: step(k) for k in range(5)]) == list(range(5))
 
 
+def test_without_room_for_a_second_process_all_is_done_here(monkeypatch):
+    def refused():
+        raise BlockingIOError(11, "Resource temporarily unavailable")
+
+    monkeypatch.setattr(room, "_possible", lambda: True)
+    monkeypatch.setattr(os, "fork", refused, raising=False)
+    space = Counted([7])
+    assert abreast(space, [lambda k=k: space.put(k) for k in range(3)]) == [[7, 0], [7, 1], [7, 2]]
+    assert alone()
+
+
 def test_what_cannot_be_handed_over_is_done_here(monkeypatch):
     if not hasattr(os, "fork"):
         pytest.skip("no fork here")
