@@ -260,10 +260,11 @@ class Search:
         known = [part for _, f in begun for part in f.parts]
         # laws one after the other: their forms are fitted abreast
         laws = [b for b in begun if "reach" in CAUSES[result.ids[b[0]]].optional]
-        begun = [*(b for b in begun if b not in laws), *laws]
+        others = [b for b in begun if b not in laws]
+        begun = [*others, *laws]
         grow = [partial(self.grown, here, found, i, f, most) for i, f in begun]
-        grown = abreast(self.space, grow[: -len(laws) or None], [*here.parts, *known])
-        grown += [step() for step in grow[len(grown) :]]
+        grown = abreast(self.space, grow[: len(others)], [*here.parts, *known])
+        grown += [step() for step in grow[len(others) :]]
         tried: list[tuple[float, int, Fitted]] = []
         for (i, _), (worth, fitted, error) in zip(begun, grown, strict=True):
             tried.append((worth, i, fitted))
