@@ -7,6 +7,7 @@ that whatever `simulate` can play can be refitted; nothing here knows a cause by
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import Any
@@ -109,39 +110,47 @@ class Point:
                 model = _replaced(model, own.with_values(**{name: float(value)}))
         return Point(model, self.fixed, self.sizes)
 
-    def neighbours(self, first: int = 0) -> list[tuple[Model, float]]:
-        """For every free number from ``first`` on a model a little to its side, and how far."""
-        if first not in self._known:
-            self._known[first] = self._neighbours(first)
-        return self._known[first]
+    @property
+    def others(self) -> range:
+        """The free numbers that are no compliances."""
+        return range(self.compliances, self.linear + len(self.sizes))
+
+    def of_stage(self, id: str) -> list[int]:
+        """Which free numbers are parameters of a stage."""
+        return [self.linear + j for j, (stage, _) in enumerate(self.names) if stage == id]
+
+    def neighbours(self, numbers: Sequence[int]) -> list[tuple[Model, float]]:
+        """For each of these free numbers a model a little to its side, and how far."""
+        key = tuple(numbers)
+        if key not in self._known:
+            self._known[key] = [self._neighbour(j) for j in key]
+        return self._known[key]
 
     @cached_property
-    def _known(self) -> dict[int, list[tuple[Model, float]]]:
+    def _known(self) -> dict[tuple[int, ...], list[tuple[Model, float]]]:
         return {}
 
-    def _neighbours(self, first: int) -> list[tuple[Model, float]]:
-        values, out = self.values(), []
-        for j in range(first, values.size):
-            if j < self.compliances:
-                step = 1e-3 * float(np.mean(np.abs(values[: self.compliances])))
-            elif j < self.linear:
-                step = 1e-3
-            else:
-                step = STEP * self.sizes[j - self.linear][2]
-            there = values.copy()
-            there[j] += step
-            point = self.moved(there)
-            moved = point.values()[j]
-            if moved == values[j]:  # at a limit
-                there[j] = values[j] - step
-                point, moved = self.moved(there), there[j]
-            out.append((point.model, float(moved - values[j])))
-        return out
+    def _neighbour(self, j: int) -> tuple[Model, float]:
+        values = self.values()
+        if j < self.compliances:
+            step = 1e-3 * float(np.mean(np.abs(values[: self.compliances])))
+        elif j < self.linear:
+            step = 1e-3
+        else:
+            step = STEP * self.sizes[j - self.linear][2]
+        there = values.copy()
+        there[j] += step
+        point = self.moved(there)
+        moved = point.values()[j]
+        if moved == values[j]:  # at a limit
+            there[j] = values[j] - step
+            point, moved = self.moved(there), there[j]
+        return point.model, float(moved - values[j])
 
-    def tangent(self, group: Group, first: int = 0) -> FloatArray:
-        """Derivative of the prediction by the free numbers from ``first`` on, (p, n)."""
+    def tangent(self, group: Group, numbers: Sequence[int]) -> FloatArray:
+        """Derivative of the prediction by free numbers, (k, n)."""
         base = group.remembered(self.model)
-        near = self.neighbours(first)
+        near = self.neighbours(numbers)
         out = np.empty((len(near), base.size))
         for j, (model, step) in enumerate(near):
             np.subtract(group.predicted_once(model), base, out=out[j])

@@ -23,9 +23,9 @@ from piezo_rig.errors import InputError
 
 ONCE_MORE = 4
 BETTER = 3.0  # log-likelihood by which a refit from further out must be better
-LARGE = 300.0  # the same above which a law was begun at the right size
+LARGE = 300.0  # the same above which a law was begun at the right size; nothing recovers from so
+# much less
 PLAIN = 20.0  # log-likelihood above which all forms of a law are refitted
-SAME = 1.5  # steps of a scan over which one tangent serves
 PARABOLAS, SETTLED = 6, 1.0  # at most so many, and the gain in log-likelihood that ends them
 FURTHER, FURTHER_BY = 4, 1.4
 FORMS = (0.0, 1.0)  # tapers of a law
@@ -66,7 +66,7 @@ def converged(space: Space, fitted: Fitted) -> Fitted:
     then is refitted as well, and would be paid for that.
     """
     for _ in range(ONCE_MORE):
-        there = refit(space, fitted.point, held=True)
+        there = refit(space, fitted.point, held=True, near=fitted.linear)
         if there.evidence < fitted.evidence + BETTER:
             break
         fitted = there
@@ -74,17 +74,25 @@ def converged(space: Space, fitted: Fitted) -> Fitted:
 
 
 def beside_kinks(space: Space, fitted: Fitted, id: str) -> Fitted:
-    """The best refit from beside whole samples, where a kink of the effect holds a descent up."""
+    """The best refit from beside a whole sample, where a kink of the effect holds a descent up."""
     stage = fitted.point.model.stage(id)
     if not isinstance(stage, Cause) or not stage.kinked:
         return fitted
-    step_s = 1.0 / space.groups.rate
-    below = np.floor(stage[stage.kinked] / step_s)
+    name, step_s = stage.kinked, 1.0 / space.groups.rate
+    whole = np.round(stage[name] / step_s)
     tried = abreast(space, [
-        partial(at_values, space, fitted, id, {stage.kinked: float((whole + beside) * step_s)})
-        for whole in (below, below + 1.0) for beside in (-BESIDE, BESIDE)
+        partial(_begun_at, space, fitted, id, {name: float((whole + beside) * step_s)})
+        for beside in (-BESIDE, BESIDE)
     ], fitted.parts)  # fmt: skip
     return max([fitted, *tried], key=lambda f: f.evidence)
+
+
+def _begun_at(space: Space, fitted: Fitted, id: str, values: Mapping[str, float]) -> Fitted:
+    """Refitted from there, and once more from where that led: evidences are of tangents there."""
+    begun = at_values(space, fitted, id, values)
+    if begun is fitted:
+        return fitted
+    return refit(space, begun.point, steps=1, held=True)
 
 
 def reached(space: Space, fitted: Fitted, id: str, than: Fitted) -> Fitted:
@@ -127,7 +135,8 @@ def _steep(space: Space, fitted: Fitted, id: str, than: Fitted) -> list[Fitted]:
     slope = float(np.copysign(STEEP / space.groups.travel_um, stage["slope"]))
     tried, worth = _scanned(space, stage.with_values(slope=slope), than)
     found = _from(space, fitted, id, ("reach", "taper", "slope"), tried, worth)
-    return [max(same, key=lambda f: f.evidence) for same in found]
+    each = [max(same, key=lambda f: f.evidence) for same in found]
+    return [f for f in each if f.evidence > fitted.evidence - LARGE]
 
 
 def _taper(fitted: Fitted, id: str) -> float:
@@ -142,13 +151,9 @@ def summit(space: Space, fitted: Fitted, id: str) -> Fitted:
     assert isinstance(stage, Cause)
     name, factor = stage.scanned
     known = {stage[name]: fitted}
-    step = np.log(factor)
-    near, made_at = fitted.linear, stage[name]
+    step, near = np.log(factor), fitted.linear
     for _ in range(PARABOLAS):
         best = max(known, key=lambda r: known[r].evidence)
-        if abs(np.log(best / made_at)) > SAME * np.log(factor):
-            known[best] = at_values(space, known[best], id, {})
-            near, made_at = known[best].linear, best
         before = known[best].evidence
         for r in (best * np.exp(-step), best * np.exp(step)):
             if not any(abs(np.log(r / k)) < 0.3 * step for k in known):
@@ -205,9 +210,9 @@ def _from(
     worth: Sequence[float],
 ) -> list[list[Fitted]]:
     """Refits, form by form, from where a law's likeliest tries have some of its parameters."""
-    by_form = _likeliest(tried, worth)
+    by_form, near = _likeliest(tried, worth), fitted.linear
     fits = iter(abreast(space, [
-        partial(at_values, space, fitted, id, {n: tried[k][n] for n in names})
+        partial(at_values, space, fitted, id, {n: tried[k][n] for n in names}, near)
         for likeliest in by_form for k in likeliest
     ], fitted.parts))  # fmt: skip
     return [[next(fits) for _ in likeliest] for likeliest in by_form]
@@ -231,11 +236,15 @@ def _tied(space: Space, fitted: Fitted, id: str) -> Fitted:
 def at_values(
     space: Space, fitted: Fitted, id: str, values: Mapping[str, float], near: Linear | None = None
 ) -> Fitted:
-    """Refitted with parameters of a stage moved and held; as before if it cannot be played."""
+    """Refitted with parameters of a stage moved and held; as before if it cannot be played.
+
+    ``near`` : columns of all but that stage's parameters
+    """
     stage = fitted.point.model.stage(id)
     assert stage is not None
     moved = fitted.point.model.with_stage(stage.with_values(**values))
     try:
-        return refit(space, replace(fitted.point, model=moved), steps=1, held=True, near=near)
+        return refit(space, replace(fitted.point, model=moved), steps=1, held=True, near=near,
+                     anew=id)
     except (InputError, np.linalg.LinAlgError):
         return fitted

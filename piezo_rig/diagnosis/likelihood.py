@@ -25,8 +25,8 @@ from piezo_rig.diagnosis.linear import Linear
 
 FloatArray = NDArray[np.float64]
 NULLS = 200
-BASE_CUT = 1e-11  # eigenvalues of the scaled base Gram below this are not directions of it
-KEEP = 1e-9
+BASE_CUT = 1e-9  # squared length of a base column of unit length that is no direction any more
+KEEP = 1e-7  # the same of the columns that are left: rounding has taken its share of them
 GRID = np.concatenate([[0.0], 7.0 ** np.arange(-1.0, 6.0)])  # of variance, in units below
 Cell = tuple[int, int]  # of the grid of both scales
 STARTS = (0, 4)  # scales of the fine thresholds that a climb looks at first
@@ -173,29 +173,37 @@ def _axes(linear: Linear, gram: FloatArray, free: Sequence[int]) -> Axes:
     columns = gram[np.ix_(rest, rest)]
     off, cross = np.zeros((0, 0)), np.zeros((0, rest.size))
     if base.size:
-        scale = 1.0 / np.sqrt(np.maximum(np.diag(gram)[base], 1e-300))
-        b = gram[np.ix_(base, base)] * np.outer(scale, scale)
-        value, vector = np.linalg.eigh(b)
-        good = value > BASE_CUT * value[-1]
-        off = (vector[:, good] / np.sqrt(value[good])).T * scale
+        off, _ = _orthonormal(gram[np.ix_(base, base)], BASE_CUT)
         cross = off @ gram[np.ix_(base, rest)]
         columns = columns - cross.T @ cross
     f, u = lay.fine, lay.generic
-    size = np.sqrt(np.maximum(np.diag(columns), 0.0))
-    norm = np.where(size > 0, size, 1.0)
-    value, vector = np.linalg.eigh(columns / np.outer(norm, norm))
-    good = value > KEEP * max(value[-1], 1e-300)
-    root = np.sqrt(value[good])
-    axes = ((vector[:, good] / root) / norm[:, None]).T
-    coordinates = (vector[:, good] * root * norm[:, None]).T
+    axes, coordinates = _orthonormal(columns, KEEP)
     fine, generic = coordinates[:, :f], coordinates[:, f : f + u]
     law = generic[:, linear.law > 0] * np.sqrt(linear.law[linear.law > 0])
     return Axes(base, rest, off, cross, axes, Reduced(
         fine, generic, coordinates[:, f + u :], law, np.zeros(0), 0.0,
-        _unit(columns[:f, :f], root.size), _unit(columns[f : f + u, f : f + u], root.size),
+        _unit(columns[:f, :f], len(axes)), _unit(columns[f : f + u, f : f + u], len(axes)),
         linear.most,
         Covariance(fine, generic, law),
     ))  # fmt: skip
+
+
+def _orthonormal(gram: FloatArray, cut: float) -> tuple[FloatArray, FloatArray]:
+    """An orthonormal basis of columns, from their Gram matrix (n, n); both shapes (m, n).
+
+    First what each direction takes of which column, then the columns in it. Columns of unit length
+    of which less than ``cut`` (squared) is left by those before are no directions: a Cholesky
+    factor with pivots, for a basis of eigenvectors takes ten times as long.
+    """
+    length = np.sqrt(np.maximum(np.diag(gram), 0.0))
+    length[length == 0.0] = 1.0
+    upper, pivots, rank, _ = lapack.dpstrf(gram / np.outer(length, length), tol=cut)
+    pivots, upper = pivots - 1, np.triu(upper[:rank])
+    inverse, _ = lapack.dtrtri(upper[:, :rank])
+    takes, columns = np.zeros((rank, len(gram))), np.empty((rank, len(gram)))
+    takes[:, pivots[:rank]] = inverse.T
+    columns[:, pivots] = upper
+    return takes / length, columns * length
 
 
 def _unit(gram: FloatArray, rank: int) -> float:

@@ -69,7 +69,8 @@ def over_reaches(space: Space, fitted: Fitted, id: str) -> tuple[Fitted, Interva
     if not isinstance(stage, Cause) or "reach" not in names or fitted.point.fixed:
         return fitted, {}
     tried = _all_about(space, fitted, id)
-    other = at_values(space, fitted, id, {"taper": 1.0 - stage["taper"]})
+    form = {"taper": 1.0 - stage["taper"]}
+    other = at_values(space, fitted, id, form, fitted.linear)
     least = max(_worth(f, id) for f in tried) - FAR
     if other is not fitted and _worth(other, id) > least:
         tried += _all_about(space, other, id)
@@ -103,7 +104,8 @@ def _all_about(space: Space, fitted: Fitted, id: str) -> list[Fitted]:
 def _to_one_side(space: Space, fitted: Fitted, id: str, factor: float) -> list[Fitted]:
     out, best, here = [], fitted.evidence, fitted
     for k in range(MOST):
-        there = at_values(space, here, id, {"reach": factor * _stage(here, id)["reach"]})
+        reach = {"reach": factor * _stage(here, id)["reach"]}
+        there = at_values(space, here, id, reach, here.linear)
         if there is here or (k >= LEAST and there.evidence < best - NEGLIGIBLE):
             break
         best, here = max(best, there.evidence), there

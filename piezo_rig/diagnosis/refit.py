@@ -27,6 +27,7 @@ FloatArray = NDArray[np.float64]
 STEPS = 5
 HALVED = 8
 SETTLED = 0.05  # standard errors
+ANEW = 0.1  # examples by which a parameter has moved when the tangent is taken anew
 BEND = 0.05  # plausible second difference of compliances, of their mean
 UNKNOWN = 1e6  # variance of what no data know, in squared examples
 TOGETHER = 3.0  # samples that count as one, for the weight of that
@@ -157,7 +158,8 @@ def _information(
 
 
 def refit(
-    space: Space, point: Point, steps: int = STEPS, held: bool = False, near: Linear | None = None
+    space: Space, point: Point, steps: int = STEPS, held: bool = False,
+    near: Linear | None = None, anew: str = "",
 ) -> Fitted:
     """Gauss-Newton on all free numbers from a start; scales are profiled on the way.
 
@@ -167,12 +169,15 @@ def refit(
     ----------
     held : optional parameters, as a law's reach, stay where they are
     near : about a point so near that its tangent serves as well
+    anew : but for the parameters of this stage
     """
     settle(space, point)
-    linear = space.with_residual(space.about(point, near), point) if near else space.linear(point)
-    scales = (0.0, 0.0)
-    covariance = np.zeros((0, 0))
-    q = len(point.sizes)
+    if near:
+        linear = space.with_residual(space.about(point, near, anew), point)
+    else:
+        linear = space.linear(point)
+    scales, covariance = (0.0, 0.0), np.zeros((0, 0))
+    begun, q = point, len(point.sizes)
     for step in range(steps):
         if point.values().size == 0:
             break
@@ -187,7 +192,7 @@ def refit(
             change = np.zeros(0)
         point, change = _moved(space, point, linear, change)
         settled = bool(q == 0 or np.all(np.abs(change) <= SETTLED * np.sqrt(np.diag(covariance))))
-        if step == 1 and q != 0:
+        if step == 1 and q != 0 and _far(point, begun):
             settle(space, point)
             linear = space.linear(point)
         else:
@@ -201,6 +206,13 @@ def refit(
     likelihood.reduced.covariance.forget()
     space.keep(point, linear)
     return Fitted(point, space, covariance, scales, evidence)
+
+
+def _far(point: Point, begun: Point) -> bool:
+    """Whether a tangent at the begin of a refit does not serve any more."""
+    n, moved = point.linear, point.values() - begun.values()
+    sizes = np.array([size for *_, size in point.sizes])
+    return bool(np.any(np.abs(moved[n:]) > ANEW * np.abs(sizes)))
 
 
 def settle(space: Space, point: Point) -> None:

@@ -204,9 +204,15 @@ class Space:
         known = self._linears.get(id(point))
         return known[1] if known is not None else None
 
-    def about(self, point: Point, linear: Linear) -> Linear:
-        """Gram matrices about a point: those of a point near by, if of the same columns."""
-        return linear if linear.rows and linear.made_for == self._made_for else self.linear(point)
+    def about(self, point: Point, near: Linear, anew: str = "") -> Linear:
+        """Gram matrices about a point: those of a point near by, if of the same columns.
+
+        ``anew`` : stage whose parameters' columns are made about the point itself
+        """
+        if not near.rows or near.made_for != self._made_for:
+            return self.linear(point)
+        numbers = point.of_stage(anew)
+        return self._with_columns(near, point, numbers) if numbers else near
 
     def _key_near(self, model: Model) -> Key:
         """The key of known columns that are near enough to a model's, else the model's own."""
@@ -257,7 +263,7 @@ class Space:
         p = point.values().size
         layout = Layout(p, *self.counts, len(trials), len(point.coefficients))
         bands = self.bands(point)
-        point.neighbours(point.compliances)  # known before threads ask for them
+        point.neighbours(point.others)  # known before threads ask for them
 
         def about(index: int) -> list[_Row]:
             return self._about(index, point, trials, bands)
@@ -334,6 +340,40 @@ class Space:
                 at += 1
         return replace(linear, residual=residual, raw=raw)
 
+    def _with_columns(self, near: Linear, point: Point, numbers: Sequence[int]) -> Linear:
+        """The same with some columns about another point (no trials; the residual is not)."""
+        first, p, each = point.compliances, near.layout.base, list(numbers)
+        point.neighbours(each)  # known before threads ask for them
+
+        def about(index: int) -> list[tuple[Rows, FloatArray, FloatArray]]:
+            group, out = self.groups.groups[index], []
+            short, inside = self.groups.short(group)
+            tangent = point.tangent(short, each)[:, inside]
+            for at, piece in enumerate(self.pieces):
+                if piece.group != index:
+                    continue
+                cut = tangent[:, piece.begin : piece.end]
+                bands, white, raw = near.rows[at]
+                white, raw = white.copy(), raw.copy()
+                gram, raw_gram = near.white[at].copy(), near.raw[at].copy()
+                here = [j - first for j in each]
+                white[here], raw[here] = self.whiten(cut, at), piece.cells.centred(cut)
+                w, r = white[here].T, raw[here].T
+                gram[:, each] = np.concatenate([bands.white @ w, white @ w,
+                                                self.fixed[at].white @ w])  # fmt: skip
+                gram[each] = gram[:, each].T
+                raw_gram[:p, each] = group.repeats * np.concatenate([bands.raw @ r, raw @ r])
+                raw_gram[each, :p] = raw_gram[:p, each].T
+                out.append((Rows(bands, white, raw), gram, raw_gram))
+            return out
+
+        found = self._each_group(about)
+        law = self.law if self.law.size else np.zeros(self.counts[2])
+        return replace(
+            near, white=np.array([g for _, g, _ in found]), raw=np.array([r for *_, r in found]),
+            rows=tuple(rows for rows, *_ in found), law=law, axes={},
+        )  # fmt: skip
+
     def moving(
         self, group: Group, point: Point, trials: Sequence[tuple[Model, Model]]
     ) -> FloatArray:
@@ -356,7 +396,7 @@ class Space:
         latest = self._tangents.get(id(group))
         if latest is None or latest[0] is not group or latest[1] is not point:
             short, inside = self.groups.short(group)
-            tangent = point.tangent(short, point.compliances)
+            tangent = point.tangent(short, point.others)
             latest = group, point, tangent[:, inside]
             self._tangents[id(group)] = latest
         return latest[2]
