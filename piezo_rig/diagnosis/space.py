@@ -1,48 +1,27 @@
 """The whitened space in which everything is decided, and its reduction to small matrices.
 
-Per piece of the data (a block with one free offset) the columns are thinned, whitened and their
-Gram matrices kept. What never changes (powers, fine thresholds, dictionary) is whitened once.
-After that, refits, tests and bootstraps are linear algebra on a few hundred rows.
+About a point the columns of `columns.Columns` are joined by its tangent and the residual, and their
+Gram matrices kept. After that, refits, tests and bootstraps are linear algebra on a few hundred
+rows.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
-from copy import copy
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, NamedTuple, TypeVar
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from piezo_rig.chain import Model, Signal, Stage
-from piezo_rig.diagnosis import basis, dictionary, held
-from piezo_rig.diagnosis.abreast import alone
-from piezo_rig.diagnosis.dictionary import Scales
+from piezo_rig.chain import Model
+from piezo_rig.diagnosis import held
+from piezo_rig.diagnosis.columns import Columns
 from piezo_rig.diagnosis.fit import Point
-from piezo_rig.diagnosis.groups import Group, Groups
-from piezo_rig.diagnosis.linear import (
-    Bands,
-    Fixed,
-    Key,
-    Layout,
-    Linear,
-    Piece,
-    Rows,
-    assembled,
-    joined,
-    no_bands,
-)
-from piezo_rig.diagnosis.whitening import CellWhitener
+from piezo_rig.diagnosis.groups import Group
+from piezo_rig.diagnosis.linear import Bands, Layout, Linear, Rows, assembled, joined
 
 FloatArray = NDArray[np.float64]
-LEAST_KEPT, MOST_KEPT = 2, 6  # sets of columns
-KEPT = 100_000  # thinned samples of all that are kept: a GB
-SAME_KNOTS = 1e-6  # V
-NEAR = 0.15  # columns of a model whose numbers are this near serve as well
-THREADS = 2
-Made = TypeVar("Made")
 
 
 class _Row(NamedTuple):
@@ -56,141 +35,15 @@ class _Row(NamedTuple):
 
 
 @dataclass(eq=False)
-class Space:
-    """Data, whitener and fixed columns together."""
+class Space(Columns):
+    """Columns, and the Gram matrices about points."""
 
-    groups: Groups
-    pieces: tuple[Piece, ...]
-    whitener: CellWhitener
-    scales: Scales
-    first_rise: bool  # whether the model has an own curve for the first rise
-    held: bool = False  # whether the model is held fixed: nothing of it follows the data
-    loose: bool = False  # whether it may all the same be wrong by a bend and a smooth density
     own_um: float = np.inf  # how far off a given model was where it was identified, rms
-    tags: list[str] = field(default_factory=list)
-    fixed: list[Fixed] = field(default_factory=list)
-    generic: list[Fixed] = field(default_factory=list)
-    counts: tuple[int, int, int] = (0, 0, 0)
     law: FloatArray = field(default_factory=lambda: np.zeros(0))
     law_of: Model | None = None
     excluded: dict[str, str] = field(default_factory=dict)  # causes not looked for, and why
-    _prepared: Model | None = None
-    _known: dict[Key, tuple[Model, list[Fixed], tuple[int, int, int]]] = field(default_factory=dict)
-    _bands: dict[Key, list[Bands]] = field(default_factory=dict)
-    _made_for: Key = ()
-    _of_given: dict[Key, Any] = field(default_factory=dict)
     _tangents: dict[int, tuple[Group, Point, FloatArray]] = field(default_factory=dict)
     _linears: dict[int, tuple[Point, Linear]] = field(default_factory=dict)
-    _knots: list[FloatArray] = field(default_factory=list)
-
-    @property
-    def most_kept(self) -> int:
-        """How many sets of columns are kept: fewer of long data, for they are large."""
-        samples = sum(p.end - p.begin for p in self.pieces)
-        return int(np.clip(KEPT // max(samples, 1), LEAST_KEPT, MOST_KEPT))
-
-    def state(self) -> dict[str, Any]:
-        """All that changes as models come and go, to `restore`."""
-        return {k: copy(v) if isinstance(v, dict | list) else v for k, v in vars(self).items()}
-
-    def restore(self, state: Mapping[str, Any]) -> None:
-        vars(self).update(state)
-
-    @property
-    def noise_nm(self) -> float:
-        """Noise of one recording at the thinned rate, rms."""
-        grid = np.linspace(0.0, 0.5, 2001)[1:]
-        return 1e3 * float(np.sqrt(np.mean(self.whitener.spectrum.power(grid, 0.0))))
-
-    def prepare(self, model: Model) -> None:
-        """Build and whiten the fixed columns; ``model`` predicts where on its way the sensor is.
-
-        The dictionary is made once. The actuator's columns go through the model's other stages,
-        and are made anew when those have changed by more than a little. The bands of the tables
-        go through the same ones: a difference between the two would hold a share of a cause.
-        """
-        key = self._key_near(model)
-        if self.fixed and key == self._made_for:
-            return
-        self._made_for = key
-        if key in self._known:
-            self._prepared, self.fixed, self.counts = self._known[key]
-            return
-        self._prepared = model
-        if not self.generic:
-            self._make_generic(model)
-        while len(self._known) >= self.most_kept:
-            old = next(iter(self._known))
-            self._known.pop(old)
-            self._bands = {k: v for k, v in self._bands.items() if k[0] != old}
-        self._forget_oldest()
-        every = [_driven(group, model) for group in self.groups.groups]
-        tight = self.held and not self.loose
-        left = held.bends_left(self.groups, every, model, self.scales) if tight else []
-
-        def of(index: int) -> list[tuple[int, Fixed]]:
-            group, made = self.groups.groups[index], []
-            powers, plays = self._of_drive(index, every[index])
-            if tight:
-                columns = np.concatenate([left[index], plays])
-            else:
-                smooth = dictionary.smooth(plays, self.scales, self.first_rise)
-                columns = np.concatenate([powers, smooth, plays])
-            moved = self._carried(model, group, columns)
-            for at, piece in enumerate(self.pieces):
-                if piece.group != index:
-                    continue
-                generic = self.generic[at]
-                white, raw = self._kept(moved[:, piece.begin : piece.end], at)
-                cross = white @ generic.white.T
-                gram = joined(white @ white.T, cross, generic.gram)
-                made.append((moved.shape[0] - plays.shape[0], Fixed(
-                    np.concatenate([white, generic.white]), gram,
-                    np.concatenate([raw, generic.raw]),
-                )))  # fmt: skip
-            return made
-
-        found = self._each_group(of)
-        self.fixed = [f for _, f in found]
-        bends = found[0][0] if found else 0
-        fine = self.fixed[0].white.shape[0] - bends - len(self.tags) if found else 0
-        self.counts = (bends, fine, len(self.tags))
-        self._known[key] = (model, self.fixed, self.counts)
-
-    def _of_drive(self, index: int, driven: Group) -> tuple[FloatArray, FloatArray]:
-        """Powers and fine thresholds of a group's drive as it is delivered, thinned."""
-
-        def made() -> tuple[FloatArray, FloatArray]:
-            plays = dictionary.fine(driven, self.scales, self.first_rise)
-            powers = dictionary.powers(driven, self.scales)
-            return self.groups.thinned(driven, powers), self.groups.thinned(driven, plays)
-
-        if driven is not self.groups.groups[index]:
-            return made()
-        return self._kept_of(("drive", index, self.first_rise), made)
-
-    def _bare_bands(self, index: int, model: Model, tables: Key) -> FloatArray:
-        """Thinned displacement of the bands of all tables before any stage acts on it."""
-        group = self.groups.groups[index]
-
-        def made() -> FloatArray:
-            return self.groups.thinned(group, basis.bands(model, group))
-
-        if any(s.place == "drive" for s in model.stages):
-            return made()
-        return self._kept_of(("bands", index, tables, model.branches().keeps_ties), made)
-
-    def _kept_of(self, key: Key, make: Callable[[], Made]) -> Made:
-        """What is known of the given drives by a key, else what ``make`` makes."""
-        if key not in self._of_given:
-            self._of_given[key] = make()
-        found: Made = self._of_given[key]
-        return found
-
-    def _forget_oldest(self) -> None:
-        """Make room for a set of every group, before threads ask for it."""
-        while len(self._of_given) > self.most_kept * len(self.groups.groups):
-            self._of_given.pop(next(iter(self._of_given)))
 
     def keep(self, point: Point, linear: Linear) -> None:
         """Hold the matrices about a point; those of the latest few are, for they are large."""
@@ -209,49 +62,10 @@ class Space:
 
         ``anew`` : stage whose parameters' columns are made about the point itself
         """
-        if not near.rows or near.made_for != self._made_for:
+        if not near.rows or near.made_for != self.made_for:
             return self.linear(point)
         numbers = point.of_stage(anew)
         return self._with_columns(near, point, numbers) if numbers else near
-
-    def _key_near(self, model: Model) -> Key:
-        """The key of known columns that are near enough to a model's, else the model's own."""
-        stages = [s for s in model.stages if dictionary.carries(s) and s.locked_to == "drive"]
-        key = (
-            (self.first_rise, self.held, self.loose),
-            tuple(s.id for s in stages),
-            tuple(_numbers(s) for s in stages),
-        )
-        for known in (self._made_for, *self._known):
-            if known[:2] == key[:2] and _near(known[2], key[2]):
-                return known
-        return key
-
-    def _make_generic(self, model: Model) -> None:
-        for index, group in enumerate(self.groups.groups):
-            f = dictionary.features(group, self.scales, group.predicted(model))
-            made, self.tags = dictionary.generic(group, self.scales, f)
-            generic = self.groups.thinned(group, made)
-            for at, piece in enumerate(self.pieces):
-                if piece.group == index:
-                    white, raw = self._kept(generic[:, piece.begin : piece.end], at)
-                    self.generic.append(Fixed(white, white @ white.T, raw))
-
-    def _kept(self, cut: FloatArray, at: int) -> tuple[FloatArray, NDArray[np.float32]]:
-        """Columns of one piece, whitened, and unwhitened and centred.
-
-        What the base leaves of them is far smaller than they are: the white ones stay exact.
-        """
-        return self.whiten(cut, at), self.pieces[at].cells.centred(cut).astype(np.float32)
-
-    def whiten(self, rows: FloatArray, at: int) -> FloatArray:
-        """Rows of one piece, whitened, its offset projected out."""
-        piece = self.pieces[at]
-        one = self.whitener.ones(piece.cells)
-        white = self.whitener(rows, piece.cells)
-        white -= np.outer(white @ one / float(one @ one), one)
-        white *= np.sqrt(self.groups.groups[piece.group].repeats)
-        return white
 
     def linear(self, point: Point, trials: Sequence[tuple[Model, Model]] = ()) -> Linear:
         """Gram matrices about a point.
@@ -268,21 +82,14 @@ class Space:
         def about(index: int) -> list[_Row]:
             return self._about(index, point, trials, bands)
 
-        found = self._each_group(about)
+        found = self.each_group(about)
         law = self.law if self.law.size else np.zeros(self.counts[2])
         return Linear(
             layout, np.array([r.white for r in found]), np.array([r.residual for r in found]),
             np.array([r.raw for r in found]),
-            np.array([r.weight for r in found]), law, tuple(r.rows for r in found), self._made_for,
+            np.array([r.weight for r in found]), law, tuple(r.rows for r in found), self.made_for,
             held.most(self.pieces, self.fixed, self.counts, self.own_um),
         )  # fmt: skip
-
-    def _each_group(self, make: Callable[[int], list[Made]]) -> list[Made]:
-        """What ``make`` makes of every group, by two threads: some of it is outside the lock."""
-        if not alone():
-            return [row for index in range(len(self.groups.groups)) for row in make(index)]
-        with ThreadPoolExecutor(THREADS) as pool:
-            return [row for rows in pool.map(make, range(len(self.groups.groups))) for row in rows]
 
     def _about(
         self, index: int, point: Point, trials: Sequence[tuple[Model, Model]], bands: list[Bands]
@@ -367,7 +174,7 @@ class Space:
                 out.append((Rows(bands, white, raw), gram, raw_gram))
             return out
 
-        found = self._each_group(about)
+        found = self.each_group(about)
         law = self.law if self.law.size else np.zeros(self.counts[2])
         return replace(
             near, white=np.array([g for _, g, _ in found]), raw=np.array([r for *_, r in found]),
@@ -400,113 +207,3 @@ class Space:
             latest = group, point, tangent[:, inside]
             self._tangents[id(group)] = latest
         return latest[2]
-
-    def bands(self, point: Point) -> list[Bands]:
-        """Derivatives by the compliances, piece by piece, as of the model that was prepared."""
-        assert self._prepared is not None
-        if not point.tables:
-            return [no_bands(p.end - p.begin, len(f.white))
-                    for p, f in zip(self.pieces, self.fixed, strict=True)]  # fmt: skip
-        key = (self._made_for, *self._tables(point.tables))
-        if key in self._bands:
-            return self._bands[key]
-        while len(self._bands) > self.most_kept:
-            self._bands.pop(next(iter(self._bands)))
-        self._forget_oldest()
-        model = _with_tables(self._prepared, point.model)
-        tables = self._tables(model.stages)
-        mine = np.concatenate([
-            np.full(len(s.elements), s.id not in point.fixed)
-            for s in model.stages if s.elements is not None
-        ])  # fmt: skip
-
-        def of(index: int) -> list[Bands]:
-            group, made = self.groups.groups[index], []
-            free = self._bare_bands(index, model, tables)[mine]
-            moved = self._carried(model, group, free)
-            for at, piece in enumerate(self.pieces):
-                if piece.group != index:
-                    continue
-                cut = moved[:, piece.begin : piece.end]
-                white, raw = self.whiten(cut, at), piece.cells.centred(cut)
-                fixed = self.fixed[at].white
-                made.append(Bands(white, raw, white @ white.T, raw @ raw.T, white @ fixed.T))
-            return made
-
-        out = self._each_group(of)
-        self._bands[key] = out
-        return out
-
-    def _tables(self, stages: Sequence[Stage]) -> Key:
-        """A number for the break points of every table; the same for those that rounding moved."""
-        return tuple(self._number(s.elements.knots_v) for s in stages if s.elements is not None)
-
-    def _number(self, knots: FloatArray) -> int:
-        for k, known in enumerate(self._knots):
-            if known.shape == knots.shape and np.max(np.abs(known - knots)) < SAME_KNOTS:
-                return k
-        self._knots.append(knots)
-        return len(self._knots) - 1
-
-    def _carried(self, model: Model, group: Group, columns: FloatArray) -> FloatArray:
-        """Thinned changes of the actuator's displacement as the sensor shows them."""
-        if group.blocks != ((0, group.drive_v.size),):
-            # cut-out stretches: the stages after the actuator act on what is left of each
-            return np.concatenate(
-                [
-                    dictionary.through(model, self._short(group, a, b), columns[:, i:j])
-                    for (a, b), (i, j) in zip(
-                        group.blocks, self.groups.edges(group), strict=True
-                    )
-                ],
-                axis=1,
-            )
-        return dictionary.through(model, self._short(group, *group.blocks[0]), columns)
-
-    def _short(self, group: Group, begin: int, end: int) -> Group:
-        """A stretch of a group at the thinned rate."""
-        whole = replace(group, blocks=((begin, end),))
-        thin = self.groups.thinned
-        time = thin(whole, group.time_s)
-        return replace(
-            whole, time_s=time, drive_v=thin(whole, group.drive_v), blocks=((0, time.size),)
-        )
-
-
-def _numbers(stage: Stage) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """A stage's parameters; apart from them the optional ones, of which each does little."""
-    own = tuple(p.value for n, p in stage.parameters.items() if n not in stage.optional)
-    rest = tuple(
-        stage[n] if n in stage.parameters else stage.neutral.get(n, 0.0) for n in stage.optional
-    )
-    return own, rest
-
-
-def _near(known: object, wanted: tuple[tuple[tuple[float, ...], tuple[float, ...]], ...]) -> bool:
-    """Whether the numbers of two models are within `NEAR`: one by one, optional ones together."""
-    assert isinstance(known, tuple)
-    for (a, b), (c, d) in zip(known, wanted, strict=True):
-        if any(abs(x - y) > NEAR * max(abs(x), abs(y)) for x, y in zip(a, c, strict=True)):
-            return False
-        off = sum(abs(x - y) for x, y in zip(b, d, strict=True))
-        if off > NEAR * max(sum(map(abs, b)), sum(map(abs, d))):
-            return False
-    return True
-
-
-def _driven(group: Group, model: Model) -> Group:
-    """The group with the drive as a model's amplifier delivers it."""
-    stages = [s for s in model.stages if s.place == "drive" and s.locked_to == "drive"]
-    signal = Signal(group.time_s, group.drive_v, np.zeros(0))
-    for stage in stages:
-        signal = stage.act(signal)
-    return replace(group, drive_v=np.ascontiguousarray(signal.drive_v)) if stages else group
-
-
-def _with_tables(model: Model, of: Model) -> Model:
-    """A model's other stages around another one's element tables."""
-    others = [s for s in model.stages if s.elements is None]
-    out = of.with_(stages=tuple(s for s in of.stages if s.elements is not None))
-    for stage in others:
-        out = out.with_stage(stage)
-    return out
