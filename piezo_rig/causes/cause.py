@@ -67,6 +67,8 @@ class Cause(Stage):
     like_a_bend : whether a large one is taken for a memoryless bend at a first look
     scanned : an optional parameter that is looked for over its logarithm, and by which factor at
         first; it has many local optima, or the data say little of it
+    lasting : a parameter in seconds that may be far longer than a small example: what it does
+        beside corners has another form then, and it is begun at several values
     kinked : a parameter in seconds whose effect has a kink at whole samples, where a descent hangs
     loosened : optional parameters that let go of its assumed law, and the size of an example: they
         are fitted where the effect is so large that what is left of it shows
@@ -85,6 +87,7 @@ class Cause(Stage):
     sharp: ClassVar[Mapping[str, float]] = {}
     scanned: ClassVar[tuple[str, float]] = ("", 1.0)
     like_a_bend: ClassVar[bool] = False
+    lasting: ClassVar[str] = ""
     kinked: ClassVar[str] = ""
     loosened: ClassVar[Mapping[str, float]] = {}
     needs_speeds: ClassVar[bool] = False
@@ -133,6 +136,21 @@ class Cause(Stage):
         return out
 
 
+def of_any_length(kind: type[Cause], name: str, context: Context) -> list[list[Stage]]:
+    """Examples of a delay or a lag, from a tenth of a sample to a good part of a half loop.
+
+    A short one looks like a long one everywhere but beside corners, and there alone is it told
+    from a loop that opens with speed.
+    """
+    shortest = max(2e-5, 0.1 * context.step_s)
+    longest = LONGEST * context.span_v / max(context.slew_v_per_s, 1e-9)
+    tried, next_s = [shortest], max(0.5 * context.step_s, APART * shortest)
+    while next_s < longest:
+        tried.append(next_s)
+        next_s *= APART
+    return [[kind.of(None, **{name: float(seconds)})] for seconds in tried]
+
+
 def added_by(stage: Stage, time_s: FloatArray, drive_v: FloatArray) -> FloatArray:
     """What a clock-locked stage adds to the displacement, um, shape (n,)."""
     nothing = np.zeros(time_s.size)
@@ -142,6 +160,7 @@ def added_by(stage: Stage, time_s: FloatArray, drive_v: FloatArray) -> FloatArra
 REACHING: Mapping[str, str] = {"reach": "um", "closing": "1", "taper": "1"}
 GIVEN = ("closing", "taper")
 SCANNED = ("reach", 2.0**0.125)
+APART, LONGEST = 1.5, 0.05  # of delays that are tried; the longest, of the time of a half loop
 
 
 class FirstSpring(Cause):

@@ -23,7 +23,7 @@ from piezo_rig.diagnosis.abreast import abreast
 from piezo_rig.diagnosis.confusion import strengths
 from piezo_rig.diagnosis.detours import detour, together
 from piezo_rig.diagnosis.fit import Point
-from piezo_rig.diagnosis.forms import beside_kinks, converged, further, reached
+from piezo_rig.diagnosis.forms import begun, beside_kinks, converged, further, reached
 from piezo_rig.diagnosis.held import own_um_of
 from piezo_rig.diagnosis.ladder import Ladder, Step
 from piezo_rig.diagnosis.likelihood import Likelihood, reduce
@@ -37,7 +37,6 @@ from piezo_rig.errors import InputError
 FloatArray = NDArray[np.float64]
 MOST = 8  # findings
 DOUBTFUL = 1e-6  # chance of a false alarm above which a cause must predict unseen data better
-CLOSE, RUN_OFF = 0.4, 3  # share of the best score, and how many are refitted to compare
 FAR_BEHIND = 0.5  # of the best refit's gain: below it a rival's reach is not looked for
 LARGE = 300.0  # log-likelihood above which the linear start is not trusted
 OFF = 2.0  # an effect must be so many times what a law may be off by
@@ -247,8 +246,7 @@ class Search:
     ) -> bool:
         """Refit with the likeliest causes and keep the best; False where none can be kept."""
         result = found.result
-        order = good[np.argsort(-result.excess[good])]
-        close = [i for i in order if result.excess[i] >= CLOSE * result.excess[order[0]]][:RUN_OFF]
+        close = result.close(good)
         self.tell(f"refit with {' or '.join(result.ids[i] for i in close)}")
         refits = abreast(self.space, [
             partial(self.refitted, here, found, int(i)) for i in close
@@ -392,6 +390,7 @@ class Search:
         try:
             settle(self.space, here.point)
             point = extended(self.space, here, candidate, columns, found.likelihood, form)
+            point = begun(self.space, point, candidate.id, form[0])
             fitted = self.descended(point, here, found.likelihood.evidence(columns)
                                     - found.likelihood.evidence())  # fmt: skip
             if fitted.evidence > here.evidence + LARGE:

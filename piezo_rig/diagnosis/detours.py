@@ -10,7 +10,7 @@ import numpy as np
 
 from piezo_rig.diagnosis.abreast import abreast
 from piezo_rig.diagnosis.refit import Fitted, refit, settle
-from piezo_rig.diagnosis.scan import LATER, scan
+from piezo_rig.diagnosis.scan import LATER, FloatArray, Scan, by_speed, scan
 from piezo_rig.diagnosis.spare import NEEDED, less_point
 
 if TYPE_CHECKING:
@@ -18,6 +18,16 @@ if TYPE_CHECKING:
 
 DETOURS = 2  # at most, from one ladder
 RIVAL = 0.4  # score of a rival, of the member's own
+
+
+def rivals_of(found: Scan, member: str, chances: FloatArray) -> list[str]:
+    """Causes that come near a member, where it is left out; look-alikes if they say anything."""
+    own = RIVAL * float(found.excess[found.ids.index(member)])
+    return [
+        id for id, excess, p in zip(found.ids, found.excess, chances, strict=True)
+        if id != member
+        and (excess >= own or (p < LATER and by_speed(id) and by_speed(member)))
+    ]
 
 
 def detour(search: Search) -> bool:
@@ -43,9 +53,7 @@ def detour(search: Search) -> bool:
         found = scan(search.space, less, search.rng, {}).result
         if member not in found.ids:
             continue
-        own = float(found.excess[found.ids.index(member)])
-        rivals = [x for id, x in zip(found.ids, found.excess, strict=True) if id != member]
-        if not rivals or max(rivals) < RIVAL * own:
+        if not rivals_of(found, member, search.family(found)):
             continue
         taken += 1
         search.tell(f"detour around {member}")

@@ -15,6 +15,7 @@ import numpy as np
 from piezo_rig.causes.cause import Cause
 from piezo_rig.chain import Stage
 from piezo_rig.diagnosis.abreast import abreast
+from piezo_rig.diagnosis.fit import Point
 from piezo_rig.diagnosis.likelihood import Likelihood, reduce
 from piezo_rig.diagnosis.linear import Linear
 from piezo_rig.diagnosis.refit import Fitted, playable, refit, settle
@@ -28,12 +29,43 @@ LARGE = 300.0  # the same above which a law was begun at the right size; nothing
 PLAIN = 20.0  # log-likelihood above which all forms of a law are refitted
 PARABOLAS, SETTLED = 6, 1.0  # at most so many, and the gain in log-likelihood that ends them
 FURTHER, FURTHER_BY = 4, 1.4
+WIDE = 1.25  # between lengths from which an effect that lasts is begun
 FORMS = (0.0, 1.0)  # tapers of a law
 SHORTEST, WIDER, REACHES = 0.006, 1.19, 21  # its reach: of the travel, step, how many
 STEEP = 0.4  # of the mean spring constant, by the whole range of the drive
 LIKELIEST = 2  # of each form, that are refitted
 BESIDE = 0.02  # samples
 FADES = 4.0  # log-likelihood by which a law that fades out must be better
+
+
+def begun(space: Space, point: Point, id: str, example: Stage) -> Point:
+    """Where to begin with a cause that may last far longer than its smallest example.
+
+    At what the linear look made of it, or at about the length of the example that fitted best,
+    whichever one step from there leads to the better place.
+    """
+    stage = point.model.stage(id)
+    if not isinstance(stage, Cause) or not stage.lasting:
+        return point
+    length = float(np.copysign(example[stage.lasting], stage[stage.lasting]))
+    low, high = stage.limits[stage.lasting]
+    starts = [point]
+    for seconds in (length / WIDE, length, length * WIDE):
+        if low < seconds < high:
+            there = point.model.with_stage(stage.with_values(**{stage.lasting: seconds}))
+            starts.append(replace(point, model=there))
+    steps = [partial(_one_step, space, start) for start in starts]
+    fits = abreast(space, steps, [point, point.model, *point.model.stages])
+    best = max(range(len(starts)), key=lambda k: fits[k])
+    return starts[best]
+
+
+def _one_step(space: Space, point: Point) -> float:
+    """Evidence after a step from a point; none where it cannot be played."""
+    try:
+        return refit(space, point, steps=1, held=True).evidence
+    except (InputError, np.linalg.LinAlgError):
+        return -np.inf
 
 
 def further(space: Space, fitted: Fitted, id: str) -> Fitted:

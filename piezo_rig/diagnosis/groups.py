@@ -28,6 +28,7 @@ FEW, ENOUGH = 20_000, 10_000  # samples that are left as they are; averages othe
 BESIDE_CORNERS = 60  # corners beside which samples are kept, in all, and of each drive
 OF_EACH = 2
 SAME_DRIVE = 0.01  # rms difference, of the drive's range
+SHORTER = 0.05  # that a repeat may be, of its length, as one that has lost samples
 LOOKED_BACK = 3  # recordings
 SLOWEST, SLOW = 200.0, 450.0  # samples per second that thinning leaves at least, and always at most
 OF_A_HALF_LOOP = 50.0  # samples that it leaves of a short half loop, between those rates
@@ -308,14 +309,17 @@ def _shares(
 
 
 def _same(a: Track, b: Track, sweeps: Sequence[Sweep]) -> bool:
-    if a.virgin != b.virgin or len(a.sweeps) != len(b.sweeps):
+    if len(a.sweeps) != len(b.sweeps):
+        return False
+    said = {sweeps[i].history for t in (a, b) for i in t.sweeps}
+    if a.virgin != b.virgin and said != {"unknown"}:  # what is only inferred, damage may hide
         return False
     named = [
         (sweeps[i].condition, sweeps[j].condition) for i, j in zip(a.sweeps, b.sweeps, strict=True)
     ]
     if any(x and y and x != y for x, y in named):
         return False
-    if abs(a.drive_v.size - b.drive_v.size) > 0.001 * a.drive_v.size:
+    if abs(a.drive_v.size - b.drive_v.size) > SHORTER * a.drive_v.size:
         return False
     n = min(a.drive_v.size, b.drive_v.size)
     difference = a.drive_v[:n] - b.drive_v[:n]
@@ -325,20 +329,22 @@ def _same(a: Track, b: Track, sweeps: Sequence[Sweep]) -> bool:
 def _group(members: list[Track], sweeps: Sequence[Sweep], data: Data) -> Group:
     first = min(members, key=lambda t: t.drive_v.size)  # a recording may lack its last samples
     n = first.drive_v.size
+    virgin = sum(t.virgin for t in members) >= 0.5 * len(members)
+    known = next(t for t in members if t.virgin == virgin)
     time = np.concatenate([
         sweeps[i].time_s + (sweeps[i].start_time - sweeps[first.sweeps[0]].start_time)
         for i in first.sweeps
     ])  # fmt: skip
     if np.any(np.diff(time) <= 0):  # clocks of carried sweeps that do not fit together
         time = np.arange(time.size) / sweeps[first.sweeps[0]].sample_rate
-    blocks = tuple((a, min(b, n)) for a, b in first.blocks if min(b, n) - a >= 8)
+    blocks = tuple((a, min(b, n)) for a, b in known.blocks if min(b, n) - a >= 8)
     drive = np.mean([t.drive_v[:n] for t in members], axis=0)
     return Group(
         time_s=time[:n],
         drive_v=drive if len(members) > 1 else first.drive_v,
         measured_um=np.array([t.displacement_um[:n] for t in members]),
         starts_s=np.array([sweeps[t.sweeps[0]].start_time for t in members]),
-        history="virgin" if first.virgin else "unknown",
+        history="virgin" if virgin else "unknown",
         blocks=blocks,
         loops=first.loops,
         condition=" + ".join(data.conditions[i] for i in first.sweeps[:3]),

@@ -39,7 +39,7 @@ SLACK = 0.1  # of a step or sample, for what the model does not know
 LONG, WIDE = 0.03, 0.2  # shares by which the way may be wrong, and a first count
 AGAIN = 2  # times that place and count are looked for in turn
 CLEAR = 12.0  # log-likelihood that the instant itself must be worth where there are no repeats
-MANY = 10  # samples
+MANY, LEAST = 10, 40  # samples that are lost; that must be left to count them
 BESIDE = 4  # samples: so near to each other losses of two recordings are none
 NEAR_S = 0.3
 FEWER = 4  # counts that are tried
@@ -261,7 +261,8 @@ def _exactly(search: Search, peak: Peak, mixed: bool) -> tuple[float, Break | No
             row, sign = 1 - peak.row, -1
     at, gained, near = peak.at, 0.0, (0, 0, 0, 0.0)
     for _ in range(AGAIN):
-        found = placed(own, model, peak.cause, at, count, stretch, group.repeats < 2)
+        path = _path(search, peak, count)
+        found = placed(own, path, peak.cause, at, count, stretch, group.repeats < 2)
         if found is None and peak.cause == DROP and group.repeats > 1:
             found = at_rest(model, at, stretch)
         if found is None:
@@ -293,6 +294,21 @@ def _exactly(search: Search, peak: Peak, mixed: bool) -> tuple[float, Break | No
     )  # fmt: skip
 
 
+def _path(search: Search, peak: Peak, count: int) -> FloatArray:
+    """The way that was played, shape (n,): of many samples the other recordings know it better
+    than the model, but for their noise.
+    """
+    stretch = search.stretches[peak.stretch]
+    group, model = search.groups.groups[stretch.group], search.predicted[stretch.group]
+    if group.repeats < 2:
+        return model
+    others = np.delete(group.measured_um, peak.row, axis=0).mean(axis=0)
+    if abs(count) > MANY and peak.cause == DROP:
+        return np.asarray(others)
+    cut = slice(stretch.begin, stretch.end)
+    return np.asarray(np.polyfit(model[cut], others[cut], 1)[0] * model)
+
+
 def _counted(
     search: Search, stretch: Stretch, white: Whitened, peak: Peak, at: int, count: int,
     within_s: float = np.inf,
@@ -301,17 +317,16 @@ def _counted(
 
     By all that follows, or by what lies no further than ``within_s`` away.
     """
-    group, model = search.groups.groups[stretch.group], search.predicted[stretch.group]
-    path = model[stretch.begin : stretch.end]
-    if group.repeats > 1:  # the others know the way better than the model, but for their noise
-        seen = np.delete(group.measured_um, peak.row, axis=0).mean(axis=0)
-        seen = seen[stretch.begin : stretch.end]
-        line = np.polyfit(path, seen, 1)
-        path = seen if abs(count) > MANY else line[0] * path
+    path = _path(search, peak, count)[stretch.begin : stretch.end]
     after = np.arange(path.size) >= at - stretch.begin
-    near = white.near(at, within_s * search.groups.rate)
-    seen = near(search.own(stretch, peak.row))
     wide = 2 + int(WIDE * abs(count))
+    within = within_s * search.groups.rate
+    if peak.cause == DROP and abs(count) > MANY:  # where it goes on at the end nobody has seen
+        within = min(within, stretch.end - at - abs(count) - wide)
+    if within < LEAST:
+        return None
+    near = white.near(at, within)
+    seen = near(search.own(stretch, peak.row))
     best: tuple[float, int, float, float] | None = None
     for size in range(max(1, abs(count) - wide), abs(count) + wide + 1):
         signed = size if count > 0 else -size
