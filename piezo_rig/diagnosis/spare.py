@@ -79,11 +79,15 @@ def idle(search: Search) -> bool:
 
     The evidence of a small cause takes what is left for noise. What is left of an unknown effect
     is not: any cause that bends that way gains by it, and none of them says what the next
-    recording will be.
+    recording will be. Nor is what the assumed law of another member leaves: a table of its own
+    beside others must help in any case, for it bends any way.
     """
     dropped = False
-    while search.causes and search.left_over() and _unknown(search):
-        for id in reversed(search.causes):
+    while search.causes:
+        unknown = search.left_over() and _unknown(search)
+        tables = [c for c in search.causes if CAUSES[c].has_elements]
+        tried = search.causes if unknown else tables if len(search.causes) > 1 else []
+        for id in reversed(tried):
             search.tell(f"refit without {id}")
             less = refit(search.space, less_point(search.fitted.point, id), held=True)
             if not search.helps(less, search.fitted):
@@ -92,7 +96,8 @@ def idle(search: Search) -> bool:
                     search.drop(id, rest[-1], less)
                 else:
                     search.steps = []
-                search.barred[id] = "does not help to predict, beside what nothing explains"
+                beside = "what nothing explains" if unknown else "what is found"
+                search.barred[id] = f"does not help to predict, beside {beside}"
                 dropped = True
                 break
         else:
