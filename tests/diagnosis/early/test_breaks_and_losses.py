@@ -73,6 +73,16 @@ def test_lost_samples_are_counted_and_not_taken_for_a_jump(count):
     assert abs(index - 1700) <= 2
 
 
+@pytest.mark.parametrize("count", [25, 60])
+def test_a_recording_that_is_shorter_for_it_is_a_repeat_all_the_same(count):
+    sweeps = [s.with_(history="unknown") for s in recordings(seed=1)]
+    lost = np.delete(sweeps[6].sensor_v, slice(900, 900 + count))
+    sweeps[6] = sweeps[6].with_(sensor_v=lost, command_v=sweeps[6].command_v[: lost.size])
+    groups, breaks = searched(sweeps)
+    assert max(g.repeats for g in groups.groups) == min(g.repeats for g in groups.groups) == 2
+    assert said(groups, breaks) == [(6, "dropped-samples", 900, count)]
+
+
 def test_a_mended_recording_is_what_it_would_have_been():
     whole = recordings()
     sweeps = list(whole)
