@@ -1,4 +1,4 @@
-"""Delays and lags of milliseconds, under triangles of one frequency: not a loop that opens by itself.
+"""Delays and lags of milliseconds under triangles of one frequency: no loop that opens by itself.
 
 A short delay opens every loop in proportion to its speed, and so does an actuator that lags. Only
 beside corners is there a difference, and there a delay of 2 ms is nothing like ten of 0.2 ms.
@@ -12,7 +12,7 @@ from small_bench import RATE, recordings
 
 from piezo_rig.diagnosis import diagnose
 
-SEVERAL_RANGES = (("0-20", 0.0, 20.0), ("0-40", 0.0, 40.0), ("0-60", 0.0, 60.0), ("0-75", 0.0, 75.0))
+SEVERAL_RANGES = tuple((f"0-{high}", 0.0, float(high)) for high in (20, 40, 60, 75))
 
 
 def lagging(tau):
