@@ -21,7 +21,7 @@ FAR_OFF = 3.0  # times the noise, where it was identified
 
 def data_warnings(groups: Groups, sweeps: Sequence[Sweep]) -> list[str]:
     """Repeats that are not repeats."""
-    out = []
+    out = _copies(sweeps)
     for g in groups.groups:
         if g.repeats < 2:
             continue
@@ -38,6 +38,20 @@ def data_warnings(groups: Groups, sweeps: Sequence[Sweep]) -> list[str]:
                     f"{g.condition} differs from the others by {off:.3g} um rms, "
                     f"{100 * off / travel:.0f} % of the travel{like}"
                 )
+    return out
+
+
+def _copies(sweeps: Sequence[Sweep]) -> list[str]:
+    """Recordings that are there twice."""
+    out, known = list[str](), dict[bytes, str]()
+    for sweep in sweeps:
+        name = sweep.source or sweep.name
+        first = known.setdefault(sweep.sensor_v.tobytes(), str(name))
+        if first != str(name) and np.ptp(sweep.sensor_v) > 0.0:
+            out.append(
+                f"{name} holds the same samples as {first}: a copy, or simulated without noise, "
+                "but no repeat; the noise that is told from repeats comes out too small"
+            )
     return out
 
 
