@@ -23,7 +23,7 @@ from piezo_rig.diagnosis.abreast import abreast
 from piezo_rig.diagnosis.confusion import strengths
 from piezo_rig.diagnosis.detours import detour, together
 from piezo_rig.diagnosis.fit import Point
-from piezo_rig.diagnosis.forms import begun, beside_kinks, converged, further, reached
+from piezo_rig.diagnosis.forms import as_late, begun, beside_kinks, converged, further, reached
 from piezo_rig.diagnosis.held import own_um_of
 from piezo_rig.diagnosis.ladder import Ladder, Step
 from piezo_rig.diagnosis.likelihood import Likelihood, reduce
@@ -381,6 +381,8 @@ class Search:
         if fitted.evidence - here.evidence >= LOST * promised:
             return fitted
         near = refit(self.space, point, steps=1, held=True)
+        there = refit(self.space, near.point, steps=0, held=True)  # by the tangent there
+        near = replace(near, evidence=there.evidence)
         return max(fitted, near, key=lambda f: f.evidence)
 
     def refitted(self, here: Fitted, found: Found, i: int) -> Fitted | None:
@@ -396,6 +398,7 @@ class Search:
             if fitted.evidence > here.evidence + LARGE:
                 fitted = further(self.space, fitted, candidate.id)
             fitted = beside_kinks(self.space, fitted, candidate.id)
+            fitted = as_late(self.space, fitted, candidate.id)
         except (InputError, np.linalg.LinAlgError):
             fitted = None  # at the size that the data ask for it cannot even be played
         if fitted is None or does_nothing(self.space, fitted.point, candidate.id) or (

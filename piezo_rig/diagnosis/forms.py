@@ -68,6 +68,14 @@ def _one_step(space: Space, point: Point) -> float:
         return -np.inf
 
 
+def as_late(space: Space, fitted: Fitted, id: str) -> Fitted:
+    """A delay or a lag by columns that are as late as itself; others as they are."""
+    stage = fitted.point.model.stage(id)
+    if not isinstance(stage, Cause) or not stage.lasting:
+        return fitted
+    return refit(space, fitted.point, steps=1, held=True)
+
+
 def further(space: Space, fitted: Fitted, id: str) -> Fitted:
     """A large effect once more from further out: what a small one mimics may hold it back."""
     for _ in range(FURTHER):

@@ -28,6 +28,7 @@ STEPS = 5
 HALVED = 8
 SETTLED = 0.05  # standard errors
 ANEW = 0.1  # examples by which a parameter has moved when the tangent is taken anew
+OTHER = 0.05  # of the mean compliance, by which one of them has moved then
 BEND = 0.05  # plausible second difference of compliances, of their mean
 UNKNOWN = 1e6  # variance of what no data know, in squared examples
 TOGETHER = 3.0  # samples that count as one, for the weight of that
@@ -210,9 +211,12 @@ def refit(
 
 def _far(point: Point, begun: Point) -> bool:
     """Whether a tangent at the begin of a refit does not serve any more."""
-    n, moved = point.linear, point.values() - begun.values()
-    sizes = np.array([size for *_, size in point.sizes])
-    return bool(np.any(np.abs(moved[n:]) > ANEW * np.abs(sizes)))
+    n, c = point.linear, point.compliances
+    before = begun.values()
+    moved = np.abs(point.values() - before)
+    sizes = np.array([abs(size) for *_, size in point.sizes])
+    other = c and np.max(moved[:c]) > OTHER * np.mean(np.abs(before[:c]))
+    return bool(other or np.any(moved[n:] > ANEW * sizes))
 
 
 def settle(space: Space, point: Point) -> None:

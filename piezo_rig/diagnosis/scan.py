@@ -260,6 +260,8 @@ def extended(
             continue
         rest = kind.neutral.get(name, 0.0)
         moved = max(abs(t[name] - rest) for t in trials) / kind.sharp.get(name, 1.0)
+        if name == kind.lasting:  # a long one is to be varied as finely as a short one
+            moved = min(abs(t[name] - rest) for form in candidate.variants for t in form)
         if moved > 0:
             sizes.append((candidate.id, name, float(moved)))
     return Point(fitted.point.model.with_stage(stage), fitted.point.fixed, tuple(sizes))
