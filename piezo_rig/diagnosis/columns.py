@@ -52,6 +52,7 @@ class Columns:
     generic: list[Fixed] = field(default_factory=list)
     counts: tuple[int, int, int] = (0, 0, 0)
     made_for: Key = ()  # which columns they are now
+    still: bool = False  # whether they stay what they are, whatever the model
     _prepared: Model | None = None
     _known: dict[Key, tuple[Model, list[Fixed], tuple[int, int, int]]] = field(default_factory=dict)
     _bands: dict[Key, list[Bands]] = field(default_factory=dict)
@@ -85,7 +86,7 @@ class Columns:
         go through the same ones: a difference between the two would hold a share of a cause.
         """
         key = self._key_near(model)
-        if self.fixed and key == self.made_for:
+        if self.fixed and (self.still or key == self.made_for):
             return
         self.made_for = key
         if key in self._known:

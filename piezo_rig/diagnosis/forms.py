@@ -30,6 +30,7 @@ PLAIN = 20.0  # log-likelihood above which all forms of a law are refitted
 PARABOLAS, SETTLED = 6, 1.0  # at most so many, and the gain in log-likelihood that ends them
 FURTHER, FURTHER_BY = 4, 1.4
 WIDE = 1.25  # between lengths from which an effect that lasts is begun
+WITHIN = 0.4  # of a sample
 FORMS = (0.0, 1.0)  # tapers of a law
 SHORTEST, WIDER, REACHES = 0.006, 1.19, 21  # its reach: of the travel, step, how many
 STEEP = 0.4  # of the mean spring constant, by the whole range of the drive
@@ -47,6 +48,8 @@ def begun(space: Space, point: Point, id: str, example: Stage) -> Point:
     stage = point.model.stage(id)
     if not isinstance(stage, Cause) or not stage.lasting:
         return point
+    if example[stage.lasting] < WITHIN / space.groups.rate:  # there all is linear
+        return point
     length = float(np.copysign(example[stage.lasting], stage[stage.lasting]))
     low, high = stage.limits[stage.lasting]
     starts = [point]
@@ -56,16 +59,18 @@ def begun(space: Space, point: Point, id: str, example: Stage) -> Point:
             starts.append(replace(point, model=there))
     steps = [partial(_one_step, space, start) for start in starts]
     fits = abreast(space, steps, [point, point.model, *point.model.stages])
-    best = max(range(len(starts)), key=lambda k: fits[k])
-    return starts[best]
+    return starts[int(np.argmax(fits))]
 
 
 def _one_step(space: Space, point: Point) -> float:
-    """Evidence after a step from a point; none where it cannot be played."""
+    """Evidence a step further, by the columns at hand; none where that cannot be played."""
+    space.still = True
     try:
         return refit(space, point, steps=1, held=True).evidence
     except (InputError, np.linalg.LinAlgError):
         return -np.inf
+    finally:
+        space.still = False
 
 
 def as_late(space: Space, fitted: Fitted, id: str) -> Fitted:

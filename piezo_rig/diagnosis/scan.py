@@ -22,6 +22,7 @@ LEVEL = 0.005  # family-wise chance of a false alarm; at 0.01, 4 or 5 of 270 nul
 LATER = 0.002  # for each finding after the first: there are several looks
 FINER = np.linspace(-6.0, 6.0, 13)  # steps over the parameter that a cause wants scanned
 CLOSE, RUN_OFF = 0.4, 3  # share of the best score, and how many are refitted to compare
+ALIKE = 0.25  # the same of what looks alike but beside corners
 VISIBLE = 3.0  # d' that the largest plausible size must reach, or the cause is not looked for
 
 
@@ -74,7 +75,9 @@ class Scan:
         least = CLOSE * self.excess[order[0]]
         close = [int(i) for i in order if self.excess[i] >= least][:RUN_OFF]
         if any(by_speed(self.ids[i]) for i in close):
-            close += [int(i) for i in order if by_speed(self.ids[i]) and int(i) not in close]
+            far = ALIKE * self.excess[order[0]]
+            close += [int(i) for i in order
+                      if by_speed(self.ids[i]) and self.excess[i] >= far and int(i) not in close]
         return close
 
 
