@@ -50,9 +50,11 @@ def taken_in(space: Space, first: Fitted, reading: Reading) -> tuple[list[Step],
     for id, stages in reading.bounds.items():
         if here.point.model.stage(id) is not None:
             continue
+        kind = CAUSES[id]
+        assert issubclass(kind, Cause)
+        if kind.lasting:  # the monitor would have shown a longer one
+            space.longest[id] = max(s[kind.lasting] for s in stages)
         if max(visible(space, here.point, s) for s in stages) < VISIBLE:
-            kind = CAUSES[id]
-            assert issubclass(kind, Cause)
             least = ", ".join(
                 _said(n, p) for s in stages for n, p in s.parameters.items()
                 if p.value != kind.neutral.get(n)

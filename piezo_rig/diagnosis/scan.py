@@ -142,6 +142,9 @@ def candidates(space: Space, model: Model) -> tuple[list[Candidate], dict[str, s
             )
             continue
         variants = kind.variants(context)
+        if id in space.longest:  # the shortest says all there is
+            most = space.longest[id]
+            variants = [v for v in variants if v[0][kind.lasting] <= most] or variants[:1]
         if variants:
             found.append(Candidate(id, tuple(tuple(v) for v in variants)))
     return found, refused

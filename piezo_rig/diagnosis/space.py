@@ -42,6 +42,7 @@ class Space(Columns):
     law: FloatArray = field(default_factory=lambda: np.zeros(0))
     law_of: Model | None = None
     excluded: dict[str, str] = field(default_factory=dict)  # causes not looked for, and why
+    longest: dict[str, float] = field(default_factory=dict)  # s, of causes that last: see `Cause`
     _tangents: dict[int, tuple[Group, Point, FloatArray]] = field(default_factory=dict)
     _linears: dict[int, tuple[Point, Linear]] = field(default_factory=dict)
 
