@@ -18,7 +18,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from piezo_rig.causes.cause import Cause, Context, of_any_length
+from piezo_rig.causes.cause import Cause, Context
 from piezo_rig.chain.branches import Branches
 from piezo_rig.chain.increments import Increment, Operation
 from piezo_rig.chain.stage import Signal, Stage
@@ -52,7 +52,3 @@ class AmplifierLag(Cause):
     @classmethod
     def trials(cls, context: Context) -> list[Stage]:
         return [cls.of(None, tau=max(2e-5, 0.1 * context.step_s))]
-
-    @classmethod
-    def variants(cls, context: Context) -> list[list[Stage]]:
-        return of_any_length(cls, "tau", context)

@@ -104,6 +104,8 @@ class Cause(Stage):
     def variants(cls, context: Context) -> list[list[Stage]]:
         """Sets of examples for several forms of the effect; a diagnosis takes the best form."""
         trials = cls.trials(context)
+        if cls.lasting:
+            return _of_any_length(trials[0], cls.lasting, context)
         return [trials] if trials else []
 
     @classmethod
@@ -136,19 +138,19 @@ class Cause(Stage):
         return out
 
 
-def of_any_length(kind: type[Cause], name: str, context: Context) -> list[list[Stage]]:
-    """Examples of a delay or a lag, from a tenth of a sample to a good part of a half loop.
+def _of_any_length(example: Stage, name: str, context: Context) -> list[list[Stage]]:
+    """Examples of a delay or a lag, from a small one to a good part of a half loop.
 
     A short one looks like a long one everywhere but beside corners, and there alone is it told
     from a loop that opens with speed.
     """
-    shortest = max(2e-5, 0.1 * context.step_s)
+    shortest = example[name]
     longest = LONGEST * context.span_v / max(context.slew_v_per_s, 1e-9)
     tried, next_s = [shortest], max(0.5 * context.step_s, APART * shortest)
     while next_s < longest:
         tried.append(next_s)
         next_s *= APART
-    return [[kind.of(None, **{name: float(seconds)})] for seconds in tried]
+    return [[example.with_values(**{name: float(seconds)})] for seconds in tried]
 
 
 def added_by(stage: Stage, time_s: FloatArray, drive_v: FloatArray) -> FloatArray:

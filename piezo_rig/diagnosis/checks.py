@@ -45,11 +45,13 @@ def _copies(sweeps: Sequence[Sweep]) -> list[str]:
     """Recordings that are there twice."""
     out, known = list[str](), dict[bytes, str]()
     for sweep in sweeps:
-        name = sweep.source or sweep.name
-        first = known.setdefault(sweep.sensor_v.tobytes(), str(name))
-        if first != str(name) and np.ptp(sweep.sensor_v) > 0.0:
+        name = f"{sweep.name} ({sweep.source})" if sweep.source else sweep.name
+        samples = sweep.sensor_v.tobytes()
+        if samples not in known:
+            known[samples] = name
+        elif np.ptp(sweep.sensor_v) > 0.0:
             out.append(
-                f"{name} holds the same samples as {first}: a copy, or simulated without noise, "
+                f"{name} holds the same samples as {known[samples]}: a copy, or without noise, "
                 "but no repeat; the noise that is told from repeats comes out too small"
             )
     return out

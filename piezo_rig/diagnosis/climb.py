@@ -23,7 +23,14 @@ from piezo_rig.diagnosis.abreast import abreast
 from piezo_rig.diagnosis.confusion import strengths
 from piezo_rig.diagnosis.detours import detour, together
 from piezo_rig.diagnosis.fit import Point
-from piezo_rig.diagnosis.forms import as_late, begun, beside_kinks, converged, further, reached
+from piezo_rig.diagnosis.forms import (
+    as_late,
+    begun_at_length,
+    beside_kinks,
+    converged,
+    further,
+    reached,
+)
 from piezo_rig.diagnosis.held import own_um_of
 from piezo_rig.diagnosis.ladder import Ladder, Step
 from piezo_rig.diagnosis.likelihood import Likelihood, reduce
@@ -392,7 +399,7 @@ class Search:
         try:
             settle(self.space, here.point)
             point = extended(self.space, here, candidate, columns, found.likelihood, form)
-            point = begun(self.space, point, candidate.id, form[0])
+            point = begun_at_length(self.space, point, candidate.id, form[0])
             fitted = self.descended(point, here, found.likelihood.evidence(columns)
                                     - found.likelihood.evidence())  # fmt: skip
             if fitted.evidence > here.evidence + LARGE:

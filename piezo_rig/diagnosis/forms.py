@@ -24,8 +24,7 @@ from piezo_rig.errors import InputError
 
 ONCE_MORE = 4
 BETTER = 3.0  # log-likelihood by which a refit from further out must be better
-LARGE = 300.0  # the same above which a law was begun at the right size; nothing recovers from so
-# much less
+LARGE = 300.0  # the same above which a law was begun at the right size, and no law recovers from
 PLAIN = 20.0  # log-likelihood above which all forms of a law are refitted
 PARABOLAS, SETTLED = 6, 1.0  # at most so many, and the gain in log-likelihood that ends them
 FURTHER, FURTHER_BY = 4, 1.4
@@ -39,7 +38,7 @@ BESIDE = 0.02  # samples
 FADES = 4.0  # log-likelihood by which a law that fades out must be better
 
 
-def begun(space: Space, point: Point, id: str, example: Stage) -> Point:
+def begun_at_length(space: Space, point: Point, id: str, example: Stage) -> Point:
     """Where to begin with a cause that may last far longer than its smallest example.
 
     At what the linear look made of it, or at about the length of the example that fitted best,
@@ -134,10 +133,10 @@ def beside_kinks(space: Space, fitted: Fitted, id: str) -> Fitted:
 
 def _begun_at(space: Space, fitted: Fitted, id: str, values: Mapping[str, float]) -> Fitted:
     """Refitted from there, and once more from where that led: evidences are of tangents there."""
-    begun = at_values(space, fitted, id, values)
-    if begun is fitted:
+    there = at_values(space, fitted, id, values)
+    if there is fitted:
         return fitted
-    return refit(space, begun.point, steps=1, held=True)
+    return refit(space, there.point, steps=1, held=True)
 
 
 def reached(space: Space, fitted: Fitted, id: str, than: Fitted) -> Fitted:

@@ -20,5 +20,11 @@ def test_a_recording_given_twice_is_called_a_copy():
     assert "sweep_0099 holds the same samples as sweep_0001" in said
 
 
+def test_so_is_one_whose_file_was_given_twice():
+    sweeps = [s.with_(source=f"{s.condition}.csv") for s in recordings(repeats=1)]
+    (said,) = warned([*sweeps, sweeps[0].with_(repeat=2)])
+    assert said.count(f"{sweeps[0].condition}.csv") == 2
+
+
 def test_repeats_with_noise_of_their_own_are_none():
     assert warned(recordings(repeats=2)) == []
