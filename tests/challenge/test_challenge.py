@@ -21,6 +21,7 @@ from piezo_rig.challenge.case import BLOCK, draw, kind_of
 from piezo_rig.challenge.hiding import CAUSES, QUIET, merged
 from piezo_rig.challenge.judge import Judge
 from piezo_rig.challenge.noises import NOISES, PLANT, noise_of
+from piezo_rig.challenge.play import beside
 from piezo_rig.challenge.rehearsal import Rehearsal
 from piezo_rig.challenge.score import figures, first_is_fair
 from piezo_rig.cli import main
@@ -217,6 +218,28 @@ def test_a_challenge_seals_plays_scores_and_draws(held):
     digest = hashlib.sha256(truth.read_bytes()).hexdigest()
     assert said.index(f"sealed case_0001  sha256 {digest}") < said.index("1 of 2: ")
     assert (folder / "answers" / "isolation.png").read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.parametrize(("aside", "at", "agrees"), [
+    ([], [], True),
+    ([0.005], [7], True),  # a voltage on the edge of two steps
+    ([0.005, -0.005], [7, 900], True),
+    ([0.005], [slice(1, None)], True),  # the first sample is the one on the edge
+    ([0.005], [slice(500, 550)], False),  # a hundredth of the samples is no accident
+    ([0.004], [7], False),  # no step
+    ([0.010], [7], False),  # two
+    ([0.004], [slice(None)], False),
+])  # fmt: skip
+def test_a_run_may_lie_a_step_of_the_sensor_beside_its_rehearsal_where_it_is_rounded(
+    aside, at, agrees
+):
+    off = np.random.default_rng(0).uniform(-2e-4, 2e-4, 5000)
+    for size, where in zip(aside, at, strict=True):
+        off[where] += size
+    if agrees:
+        assert beside(off, 4e-4, 0.005) == 0.0
+    else:
+        assert beside(off, 4e-4, 0.005) == pytest.approx(max(aside), abs=4e-4)
 
 
 def test_the_recordings_are_what_the_sealed_plant_does(held):
