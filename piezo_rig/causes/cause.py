@@ -137,6 +137,13 @@ class Cause(Stage):
             out[name] = Parameter(p.value, p.unit, interval)
         return out
 
+    def between_samples(self, step_s: float) -> dict[str, float]:
+        """Standard deviations of parameters from what the drive may do between samples.
+
+        A generator that holds its samples moves in steps, a model takes straight lines.
+        """
+        return {}
+
 
 def _of_any_length(example: Stage, name: str, context: Context) -> list[list[Stage]]:
     """Examples of a delay or a lag, from a small one to a good part of a half loop.

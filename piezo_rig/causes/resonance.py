@@ -59,6 +59,16 @@ class Resonance(Cause):
         omega = 2.0 * np.pi * self["frequency"]
         return Increment(Operation.MODE, (self["share"], omega, self["damping"]))
 
+    def between_samples(self, step_s: float) -> dict[str, float]:
+        """Ringing that begins up to half a sample beside where a straight drive begins it.
+
+        A free oscillation whose phase is off by p is fitted best, over its whole decay, by an
+        angular frequency that is off by p x damping x angular frequency.
+        """
+        frequency, damping = self["frequency"], self["damping"]
+        phase = 2.0 * np.pi * frequency * 0.5 * step_s
+        return {"frequency": float(phase * damping * frequency / np.sqrt(3.0))}
+
     @classmethod
     def variants(cls, context: Context) -> list[list[Stage]]:
         highest = min(HIGHEST_HZ, 0.4 * context.seen_hz)

@@ -6,7 +6,9 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
+from piezo_rig.causes.cause import Cause
 from piezo_rig.diagnosis import engine
 from piezo_rig.diagnosis.climb import climb
 from piezo_rig.diagnosis.early import Reading, noise_floor_nm
@@ -27,6 +29,7 @@ from piezo_rig.diagnosis.reaches import Intervals, at_their_reaches
 from piezo_rig.diagnosis.refit import Fitted, refit, settle
 from piezo_rig.diagnosis.space import Space
 
+FloatArray = NDArray[np.float64]
 WORSE, STRICT, AWAY = 1.03, 1.01, 3.0  # by which an extension may raise held-out errors
 CLOSE = 1.3  # times the noise floor: nearly nothing is left, and a true cause does no harm
 
@@ -133,7 +136,7 @@ def _at_their_reaches(out: Climbed, tell: Callable[[str], None]) -> Climbed:
     )
     last = out.ladder.last
     settle(out.space, last.point)
-    known = replace(last, covariance=over_scales(last))
+    known = replace(last, covariance=over_scales(last) + _between_samples(last, out.space))
     if out.ladder.steps:
         *before, step = out.ladder.steps
         steps = (*before, replace(step, fitted=known))
@@ -141,3 +144,14 @@ def _at_their_reaches(out: Climbed, tell: Callable[[str], None]) -> Climbed:
     else:
         out.ladder = replace(out.ladder, first=known)
     return out
+
+
+def _between_samples(fitted: Fitted, space: Space) -> FloatArray:
+    """Covariance (q, q) from what the drive may do between samples."""
+    point, step_s = fitted.point, 1.0 / space.groups.rate
+    own = {
+        (stage.id, name): sd
+        for stage in point.model.stages if isinstance(stage, Cause)
+        for name, sd in stage.between_samples(step_s).items()
+    }  # fmt: skip
+    return np.diag([own.get(name, 0.0) ** 2 for name in point.names])

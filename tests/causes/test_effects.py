@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import scipy.optimize
 import scipy.signal
 
 from piezo_rig.causes import CAUSES
@@ -115,6 +116,36 @@ def test_a_mode_does_not_mind_how_a_record_is_sampled():
     close = np.interp(time, even, seen("resonance", fine, time=even, **values)) - ramp[0]
     late = time > time[0] + 0.02
     assert coarse[late] == pytest.approx(close[late], abs=2e-5)
+
+
+@pytest.mark.parametrize(("frequency", "damping", "rate"), [
+    (225.0, 0.039, 1000.0), (123.0, 0.042, 1000.0), (620.0, 0.02, 5000.0),
+])  # fmt: skip
+def test_where_a_generator_holds_its_samples_a_mode_rings_in_its_interval(frequency, damping, rate):
+    # the staircase of a generator through the mode, by the matrix exponential, and what a drive
+    # that is straight between samples would have done, fitted to it
+    corner, n = 30, 30 + int(rate * 4.0 / (damping * 2.0 * np.pi * frequency))
+    ramp = np.maximum(np.arange(n) - corner, 0.0) / rate
+
+    def mode(hz, of_critical, held):
+        omega = 2.0 * np.pi * hz
+        system = ([omega**2], [1.0, 2.0 * of_critical * omega, omega**2])
+        matrices = scipy.signal.tf2ss(*system)
+        a, b, c, d, _ = scipy.signal.cont2discrete(matrices, 1.0 / rate, held)
+        return scipy.signal.dlsim((a, b, c, d, 1.0 / rate), ramp)[1][:, 0]
+
+    seen = mode(frequency, damping, "zoh")[corner:]
+
+    def off(x):
+        straight = mode(frequency * x[0], damping * x[1], "foh")[corner:]
+        columns = np.stack([straight, ramp[corner:], np.ones(n - corner)], axis=1)
+        return seen - columns @ np.linalg.lstsq(columns, seen, rcond=None)[0]
+
+    fitted = frequency * scipy.optimize.least_squares(off, [1.0, 1.0]).x[0]
+    sd = CAUSES["resonance"].of(
+        None, share=0.1, frequency=frequency, damping=damping
+    ).between_samples(1.0 / rate)["frequency"]
+    assert 0.3 * 1.96 * sd < abs(fitted - frequency) < 1.96 * sd
 
 
 def test_every_example_of_a_cause_changes_what_it_should_and_little():
