@@ -37,6 +37,7 @@ from piezo_rig.diagnosis.likelihood import Likelihood, reduce
 from piezo_rig.diagnosis.needed import does_nothing, needless, worth_needed
 from piezo_rig.diagnosis.refit import Fitted, refit, settle
 from piezo_rig.diagnosis.scan import LATER, LEVEL, Found, Scan, extended, scan, score_powers
+from piezo_rig.diagnosis.scores import score_generic
 from piezo_rig.diagnosis.space import Space
 from piezo_rig.diagnosis.spare import NEEDED, clear, faint, idle, less_point, prune, stood_in
 from piezo_rig.errors import InputError
@@ -141,7 +142,7 @@ class Search:
         """Whether something is left that nobody has a name for."""
         settle(self.space, self.fitted.point)
         reduced = reduce(self.space.linear(self.fitted.point))
-        return Likelihood(reduced).score_generic(self.rng)[1] < LEVEL
+        return score_generic(Likelihood(reduced), self.rng, LEVEL)[1] < LEVEL
 
     def forward(self) -> None:
         """Take in what the data ask for, one after the other."""

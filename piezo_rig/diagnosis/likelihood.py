@@ -6,8 +6,7 @@ What the base model can follow is projected out. In what is left the residual is
 
 with T_c a cause's signatures, F the fine thresholds and U the generic dictionary (base mismatch,
 and the rival "nobody has a name for it"). The scales s1, s2 are profiled anew under every
-hypothesis; the null distribution of each cause's likelihood ratio comes from data simulated from
-the fitted null, its tail from a gamma law.
+hypothesis (`scores` compares them).
 """
 
 from __future__ import annotations
@@ -20,11 +19,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import lapack
 
-from piezo_rig.diagnosis.chances import gamma_above
 from piezo_rig.diagnosis.linear import Linear
 
 FloatArray = NDArray[np.float64]
-NULLS = 200
 BASE_CUT = 1e-9  # squared length of a base column of unit length that is no direction any more
 KEEP = 1e-7  # the same of the columns that are left: rounding has taken its share of them
 GRID = np.concatenate([[0.0], 7.0 ** np.arange(-1.0, 6.0)])  # of variance, in units below
@@ -217,28 +214,6 @@ def covariance_of(reduced: Reduced, scales: tuple[float, float]) -> FloatArray:
     return reduced.covariance.of(scales)
 
 
-@dataclass(frozen=True, eq=False)
-class Scored:
-    """Log-likelihood ratios of several causes against the same null.
-
-    Attributes
-    ----------
-    ratio : shape (c,), log-likelihood gained
-    p_value : shape (c,), from the gamma tail of the simulated nulls; not corrected
-    null_median : shape (c,)
-    chosen : shape (c,), the best hypothesis of each cause
-    scales : null's scales (s1, s2)
-    scales_with : shape (c, 2), under each cause
-    """
-
-    ratio: FloatArray
-    p_value: FloatArray
-    null_median: FloatArray
-    chosen: NDArray[np.int64]
-    scales: tuple[float, float]
-    scales_with: FloatArray
-
-
 class Seen(NamedTuple):
     """Data and trial columns at one pair of scales, whitened by them.
 
@@ -261,7 +236,7 @@ class Likelihood:
         self.reduced = reduced
         self._known: dict[int, list[Seen]] = {}
 
-    def _scales(self, cell: Cell) -> tuple[float, float]:
+    def scales_at(self, cell: Cell) -> tuple[float, float]:
         units = self.reduced.unit_fine, self.reduced.unit_generic
         fine, generic = (
             float(min(GRID[k] * unit, most))
@@ -269,12 +244,12 @@ class Likelihood:
         )
         return fine, generic
 
-    def _seen(self, i: int, y: FloatArray) -> list[Seen]:
+    def seen(self, i: int, y: FloatArray) -> list[Seen]:
         """Data (m, k) and all trials at a scale of the fine thresholds and each of the dictionary.
 
         Empty where rounding decides.
         """
-        row = self.reduced.covariance.row(self._scales((i, 0))[0])
+        row = self.reduced.covariance.row(self.scales_at((i, 0))[0])
         if row is None:
             return []
         k, out = y.shape[1], []
@@ -286,7 +261,7 @@ class Likelihood:
         parts = row.turned @ white
         w, t = parts[:, :k], parts[:, k:]
         for j in range(GRID.size):
-            scale = self._scales((i, j))[1]
+            scale = self.scales_at((i, j))[1]
             share = scale / (1.0 + scale * row.square)
             weighed = share[:, None] * t
             log_det = row.log_det + float(np.sum(np.log1p(scale * row.square)))
@@ -296,80 +271,26 @@ class Likelihood:
             ))  # fmt: skip
         return out
 
-    def score(
-        self,
-        hypotheses: Sequence[Sequence[int]],
-        owners: Sequence[int],
-        rng: np.random.Generator,
-        nulls: int = NULLS,
-    ) -> Scored:
-        """Score causes, each with one or several sets of trial columns of which the best counts.
-
-        ``owners`` : for every hypothesis the number of its cause, 0, 1, ..
-        """
-        z = self.reduced.z[:, None]
-        k = self.summit()
-        y = np.concatenate([z, self._drawn(k, rng, nulls)], axis=1)
-        best_null = np.full(y.shape[1], -np.inf)
-        best = np.full((len(hypotheses), y.shape[1]), -np.inf)
-        where = np.zeros((len(hypotheses), 2), int)
-        for i in range(GRID.size):
-            for j, seen in enumerate(self._seen(i, y)):
-                best_null = np.maximum(best_null, seen.plain)
-                value = seen.plain + 0.5 * _gained(seen, hypotheses)
-                where[value[:, 0] > best[:, 0]] = i, j
-                best = np.maximum(best, value)
-        owner = np.asarray(owners, int)
-        causes = int(owner.max()) + 1
-        ratio = np.full((causes, y.shape[1]), -np.inf)
-        np.maximum.at(ratio, owner, best - best_null)
-        chosen = np.array(
-            [int(np.flatnonzero(owner == c)[np.argmax(best[owner == c, 0])]) for c in range(causes)]
-        )
-        return Scored(
-            ratio[:, 0],
-            np.array([tail(r[0], r[1:]) for r in ratio]),
-            np.median(ratio[:, 1:], axis=1),
-            chosen,
-            self._scales(k),
-            np.array([self._scales((where[h, 0], where[h, 1])) for h in chosen]).reshape(-1, 2),
-        )
-
-    def score_generic(self, rng: np.random.Generator, nulls: int = NULLS) -> tuple[float, float]:
-        """Log-likelihood ratio of the dictionary's scale against 0, and its p-value."""
-        rows = range(GRID.size)
-        k = max(rows, key=lambda i: self._values(i)[0]), 0
-        y = np.concatenate([self.reduced.z[:, None], self._drawn(k, rng, nulls)], axis=1)
-        null = np.full(y.shape[1], -np.inf)
-        full = np.full(y.shape[1], -np.inf)
-        for i in rows:
-            for j, seen in enumerate(self._seen(i, y)):
-                full = np.maximum(full, seen.plain)
-                if j == 0:
-                    null = np.maximum(null, seen.plain)
-        ratio = full - null
-        return float(ratio[0]), tail(float(ratio[0]), ratio[1:])
-
-    def _drawn(self, cell: Cell, rng: np.random.Generator, count: int) -> FloatArray:
+    def drawn(self, cell: Cell, rng: np.random.Generator, count: int) -> FloatArray:
         """Residuals (m, count) such as a pair of scales makes expect."""
-        factor = self.reduced.covariance.factor(self._scales(cell))
+        factor = self.reduced.covariance.factor(self.scales_at(cell))
         assert factor is not None
         return np.asarray(factor @ rng.standard_normal((self.reduced.z.size, count)))
 
     def evidence(self, columns: Sequence[int] = ()) -> float:
         """Log of the likelihood of all data with some trial columns free, scales profiled."""
         i, j = self.summit(columns)
-        return self._values(i, columns)[j] - 0.5 * self.reduced.extra
+        return self.values(i, columns)[j] - 0.5 * self.reduced.extra
 
     def best_scales(self, columns: Sequence[int] = ()) -> tuple[float, float]:
         """Profiled scales with some trial columns free."""
-        return self._scales(self.summit(columns))
+        return self.scales_at(self.summit(columns))
 
     def grid(self, columns: Sequence[int] = ()) -> dict[tuple[float, float], float]:
         """Log-likelihood of every pair of scales with some trial columns free, of the residual."""
         return {
-            self._scales((i, j)): value
-            for i in range(GRID.size) for j, value in enumerate(self._values(i, columns))
+            self.scales_at((i, j)): value
+            for i in range(GRID.size) for j, value in enumerate(self.values(i, columns))
         }  # fmt: skip
 
     def summit(self, columns: Sequence[int] = ()) -> Cell:
@@ -381,7 +302,7 @@ class Likelihood:
 
         def best(i: int) -> float:
             if i not in values:
-                values[i] = self._values(i, columns)
+                values[i] = self.values(i, columns)
             return max(values[i])
 
         at = max(STARTS, key=best)
@@ -392,10 +313,10 @@ class Likelihood:
                 return at, int(np.argmax(values[at]))
             at = up
 
-    def _values(self, i: int, columns: Sequence[int] = ()) -> list[float]:
+    def values(self, i: int, columns: Sequence[int] = ()) -> list[float]:
         """Log-likelihood of the residual along the grid, but for `Reduced.extra`."""
         if i not in self._known:
-            self._known[i] = self._seen(i, self.reduced.z[:, None])
+            self._known[i] = self.seen(i, self.reduced.z[:, None])
         seen = self._known[i]
         if not seen:
             return [-np.inf] * GRID.size
@@ -403,22 +324,11 @@ class Likelihood:
         if len(columns):
             k = np.array(columns)
             gram = np.array([s.gram[k[:, None], k] for s in seen])
-            plain = plain + 0.5 * _followed(gram, np.array([s.along[k] for s in seen]))[:, 0]
+            plain = plain + 0.5 * followed(gram, np.array([s.along[k] for s in seen]))[:, 0]
         return [float(value) for value in plain]
 
 
-def _gained(seen: Seen, hypotheses: Sequence[Sequence[int]]) -> FloatArray:
-    """Squared length (h, k) of the data's part along the columns of every hypothesis."""
-    out = np.zeros((len(hypotheses), seen.plain.size))
-    lengths = np.array([len(h) for h in hypotheses])
-    for n in set(lengths.tolist()) - {0}:
-        where = np.flatnonzero(lengths == n)
-        of = np.array([list(h) for h in hypotheses if len(h) == n])
-        out[where] = _followed(seen.gram[of[:, :, None], of[:, None, :]], seen.along[of])
-    return out
-
-
-def _followed(gram: FloatArray, along: FloatArray) -> FloatArray:
+def followed(gram: FloatArray, along: FloatArray) -> FloatArray:
     """Squared lengths (h, k) from Gram matrices (h, n, n) and products (h, n, k)."""
     size = np.sqrt(np.diagonal(gram, axis1=1, axis2=2))
     unit = 1.0 / np.where(size > 0, size, 1.0)
@@ -429,18 +339,3 @@ def _followed(gram: FloatArray, along: FloatArray) -> FloatArray:
     good = value > SAME**2 * value[:, -1:]
     share = np.where(good, 1.0 / np.where(good, value, 1.0), 0.0)
     return np.asarray(np.sum(share[:, :, None] * (vector.transpose(0, 2, 1) @ along) ** 2, axis=1))
-
-
-def tail(value: float, nulls: FloatArray) -> float:
-    """Chance of a value at least this large, from a gamma law through the nulls' moments."""
-    x = np.maximum(nulls, 0.0)
-    mean, spread = float(x.mean()), float(x.std(ddof=1))
-    if value <= 0.0:
-        return 1.0
-    if mean <= 0.0 or spread <= 0.0:
-        return 1.0 / (nulls.size + 1)
-    # moments wobble: the tail is taken a little heavier than they say
-    spread *= 1.0 + 1.0 / np.sqrt(2.0 * nulls.size)
-    shape = (mean / spread) ** 2
-    p = gamma_above(value, shape, spread**2 / mean)
-    return max(p, 1e-300)

@@ -15,6 +15,7 @@ from piezo_rig.diagnosis import dictionary
 from piezo_rig.diagnosis.fit import Point
 from piezo_rig.diagnosis.likelihood import Likelihood, Reduced, reduce
 from piezo_rig.diagnosis.refit import Fitted, covariance_of
+from piezo_rig.diagnosis.scores import score
 from piezo_rig.diagnosis.space import Space
 
 FloatArray = NDArray[np.float64]
@@ -204,7 +205,7 @@ def scan(
     if not kept:
         empty = np.zeros(0)
         return Found(Scan((), empty, empty, empty, empty, refused), kept, likelihood, {})
-    scored = likelihood.score(hypotheses, owners, rng)
+    scored = score(likelihood, hypotheses, owners, rng, LEVEL / len(kept))
     result = Scan(
         tuple(c.id for c in kept),
         scored.ratio,
@@ -228,7 +229,7 @@ def score_powers(
     lay = linear.layout
     n = len(dictionary.POWERS)
     reduced = reduce(linear, free=range(lay.base, lay.base + n))
-    scored = Likelihood(reduced).score([range(-n, 0)], [0], rng)
+    scored = score(Likelihood(reduced), [range(-n, 0)], [0], rng, LEVEL)
     return float(scored.ratio[0]), float(scored.p_value[0])
 
 

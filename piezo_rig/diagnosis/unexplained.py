@@ -13,6 +13,7 @@ from piezo_rig.diagnosis.likelihood import Likelihood, Reduced, reduce
 from piezo_rig.diagnosis.linear import Linear
 from piezo_rig.diagnosis.refit import Fitted, covariance_of
 from piezo_rig.diagnosis.scan import LEVEL
+from piezo_rig.diagnosis.scores import score_generic
 from piezo_rig.diagnosis.space import Space
 
 FloatArray = NDArray[np.float64]
@@ -46,7 +47,7 @@ def unexplained(
     linear = space.linear(fitted.point)
     reduced = reduce(linear)
     likelihood = Likelihood(reduced)
-    _, p = likelihood.score_generic(rng)
+    _, p = score_generic(likelihood, rng, LEVEL)
     scales = likelihood.best_scales()
     samples = float(linear.count.sum())
     generic, fine = _parts(reduced, scales)
