@@ -40,6 +40,7 @@ from piezo_rig.diagnosis.refit import Fitted, refit, settle
 from piezo_rig.diagnosis.scan import LEVEL
 from piezo_rig.diagnosis.space import Space
 from piezo_rig.diagnosis.unexplained import unexplained, with_line
+from piezo_rig.diagnosis.unlike import within_what_is_wrong
 from piezo_rig.identification import prepare
 from piezo_rig.run_file.sweep import Sweep
 
@@ -178,6 +179,12 @@ def _diagnosed(
             *found.alternatives,
             *(c for c in step.rivals if c not in members and c not in found.alternatives),
         ] if step not in search.monitored else []  # it was seen where none of those would show
+        confused[step.cause] += [
+            c for c in within_what_is_wrong(
+                space, last, step.cause, 1e-3 * rungs[-1].rms_nm, 1e-3 * (floor or space.noise_nm)
+            )
+            if c not in confused[step.cause] and c not in members
+        ]
         value, interval = gains[len(found_early) + i]
         findings.append(Finding(
             step.cause, CAUSES[step.cause].place, step.p_value,
