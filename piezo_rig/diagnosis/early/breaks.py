@@ -16,9 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from piezo_rig.chain import Model
+from piezo_rig.diagnosis.early.guesses import CLEAR, guess_of, losses_of_pairs
 from piezo_rig.diagnosis.early.mended import DROP, JUMP, STEP_UM, Break, lead, mended
-from piezo_rig.diagnosis.early.peaks import GRID, Peak, Search, find_pair, find_peaks
+from piezo_rig.diagnosis.early.peaks import Peak, Search, find_peaks
 from piezo_rig.diagnosis.early.place import at_rest, placed
+from piezo_rig.diagnosis.early.shifted import differing, plain_loss
 from piezo_rig.diagnosis.early.traces import (
     Stretch,
     Whitened,
@@ -38,11 +40,12 @@ OFF = 4.0  # standard errors that a size may be off a whole number
 SLACK = 0.1  # of a step or sample, for what the model does not know
 LONG, WIDE = 0.03, 0.2  # shares by which the way may be wrong, and a first count
 AGAIN = 2  # times that place and count are looked for in turn
-CLEAR = 12.0  # log-likelihood that the instant itself must be worth where there are no repeats
 MANY, LEAST = 10, 40  # samples that are lost; that must be left to count them
 BESIDE = 4  # samples: so near to each other losses of two recordings are none
 NEAR_S = 0.3
 FEWER = 4  # counts that are tried
+PLAIN = 8  # losses of one drive that may be plain to see
+LESS, SAME = 0.3, 1.05  # what they may leave of what others do; the same, where they are fewer
 LIKELIEST = 4  # peaks of a group that are looked at closely
 
 
@@ -91,13 +94,13 @@ def find_breaks(
                 new = None  # a loss that could not be placed is no jump
             if new is not None and search.chance(gained) < level:
                 breaks.append(new)
-            elif g in guessed or (guess := _guess(search, mine[:LIKELIEST])) is None:
+            elif g in guessed or (guess := guess_of(search, mine[:LIKELIEST])) is None:
                 closed.add(g)
             else:
                 guessed[g] = len([b for b in breaks if b.group == g])
                 breaks.append(guess)
         for g in sorted({s.group for s in found} - set(guessed)) if len(breaks) == before else ():
-            guess = _guess(search, _pairs(search, g, level))
+            guess = guess_of(search, losses_of_pairs(search, g, level))
             if guess is not None:
                 closed.discard(g)
                 guessed[g] = len([b for b in breaks if b.group == g])
@@ -111,7 +114,58 @@ def find_breaks(
     breaks = _cancelled(breaks)
     for several in [b for b in breaks if b.cause == DROP and 1 < b.count <= FEWER]:
         breaks = _split(groups, predicted, found, breaks, sweeps, several)
+    for g in sorted({s.group for s in found}):
+        breaks = _plain(groups, predicted, found, breaks, sweeps, g, level)
     return Breaks(tuple(breaks))
+
+
+def _plain(
+    groups: Groups, predicted: list[FloatArray], found: list[Stretch], breaks: list[Break],
+    sweeps: Sequence[Sweep], g: int, level: float,
+) -> list[Break]:  # fmt: skip
+    """Breaks with the losses of a drive as its recordings show them laid over each other.
+
+    Only where those are no more and leave less, and where every one of them is borne out by what
+    is then left as noise.
+    """
+    others = [b for b in breaks if b.group != g]
+    mine: list[Break] = []
+    while len(mine) < PLAIN:
+        whole = mended(groups, predicted, [*others, *mine])
+        loss = plain_loss(whole.groups[g], g, sweeps, mine)
+        if loss is None:
+            break
+        mine.append(loss)
+    if not mine:
+        return breaks
+    whole = mended(groups, predicted, [*others, *mine])
+    before = differing(mended(groups, predicted, breaks).groups[g])
+    after = differing(whole.groups[g])
+    known = len(breaks) - len(others)
+    if after > LESS * before and (after > SAME * before or len(mine) >= known):
+        return breaks
+    quiet = _round(whole, predicted, found, [*others, *mine], sweeps)
+    kept = []
+    for loss in mine:
+        rest = mended(groups, predicted, [*others, *(b for b in mine if b is not loss)])
+        chance = quiet.chance(_left(replace(quiet, groups=rest), g) - _left(quiet, g))
+        if chance >= level:
+            return breaks
+        kept.append(replace(loss, p_value=chance))
+    return [*others, *kept]
+
+
+def _left(search: Search, g: int, of: int | None = None) -> float:
+    """What recordings of one drive have of their own, as a negative log-likelihood.
+
+    ``of`` : the only stretch of it that counts
+    """
+    out, repeats = 0.0, search.groups.groups[g].repeats
+    for k, stretch in enumerate(search.stretches):
+        if stretch.group == g and of in (None, k):
+            own = [search.white[k].project(search.own(stretch, row)) for row in range(repeats)]
+            out += 0.5 * float(sum(x @ x for x in own)) / max(repeats - 1, 1)
+    return out
 
 
 def _cancelled(breaks: list[Break]) -> list[Break]:
@@ -140,17 +194,12 @@ def _split(
     if k is None:
         return breaks
 
-    def left(search: Search) -> float:
-        rows = range(groups.groups[several.group].repeats)
-        own = [search.white[k].project(search.own(found[k], row)) for row in rows]
-        return 0.5 * float(sum(x @ x for x in own)) / max(len(own) - 1, 1)
-
     def searched(tried: list[Break]) -> Search:
         whole = mended(groups, predicted, tried)
         return replace(basis, groups=whole, breaks=tried)
 
     basis = _round(mended(groups, predicted, breaks), predicted, found, breaks, sweeps)
-    best, least = breaks, left(basis) - CLEAR
+    best, least = breaks, _left(basis, several.group, k) - CLEAR
     for count in range(1, several.count):
         fewer = [replace(b, count=count) if b is several else b for b in breaks]
         search = searched(fewer)
@@ -161,42 +210,9 @@ def _split(
             if exact is None or exact[1] is None:
                 continue
             both = [*fewer, exact[1]]
-            if (worth := left(searched(both))) < least:
+            if (worth := _left(searched(both), several.group, k)) < least:
                 best, least = both, worth
     return best
-
-
-def _pairs(search: Search, g: int, level: float) -> list[Peak]:
-    """Losses in both of two recordings of one drive, the first of each pair."""
-    if search.groups.groups[g].repeats != 2:
-        return []
-    peaks = [find_pair(search, k) for k, s in enumerate(search.stretches) if s.group == g]
-    return [p for p in peaks if p is not None and search.chance(p.gained) < level / GRID]
-
-
-def _guess(search: Search, peaks: Sequence[Peak]) -> Break | None:
-    """One lost sample at an instant that is plain to see, though its size is no whole number.
-
-    Where each of two recordings of a drive has lost some, neither loss fits as long as the other is
-    there. Whether it was right shows when others have been found beside it.
-    """
-    best: tuple[float, Break] | None = None
-    for peak in peaks:
-        stretch = search.stretches[peak.stretch]
-        group, model = search.groups.groups[stretch.group], search.predicted[stretch.group]
-        if peak.cause != DROP or group.repeats < 2:
-            continue
-        near = placed(own_part(group, peak.row, model), model, DROP, peak.at, 1, stretch)
-        if near is None or near[3] < CLEAR or (best is not None and near[3] <= best[0]):
-            continue
-        before = lead(search.breaks, stretch.group, peak.row, near[0])
-        end = next(
-            b for a, b in sweep_bounds(group, peak.row, search.sweeps) if a <= near[0] < b
-        )
-        index, low, high = (i - before for i in near[:3])
-        p = search.chance(near[3])
-        best = near[3], Break(DROP, stretch.group, peak.row, index, 1, low, high, end, p)
-    return None if best is None else best[1]
 
 
 def _borne_out(

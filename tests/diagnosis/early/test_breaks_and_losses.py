@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
-from small_bench import recordings
+from small_bench import actuator, noise, recordings
 
 from piezo_rig.chain import Elements, Maxwell, Model
 from piezo_rig.diagnosis.early.breaks import find_breaks
@@ -17,6 +17,7 @@ from piezo_rig.diagnosis.early.mended import mended
 from piezo_rig.diagnosis.early.reported import events_of, reported
 from piezo_rig.diagnosis.groups import group_tracks
 from piezo_rig.identification import prepare
+from piezo_rig.run_file import Sweep
 
 LEVEL = 1e-4
 # a plain loop: 0.09 um/V that grows to 0.15, about as the small bench's actuator
@@ -158,3 +159,41 @@ def test_two_losses_in_a_row_are_two():
     assert all(abs(i - at) <= 4 for (_, _, i, _), at in zip(
         said(groups, breaks), (1200, 1399), strict=True
     ))  # fmt: skip
+
+
+def walks(seed, kind, losses):
+    """Two recordings of one walk of a few Hz; ``losses`` as (recording, played sample, count)."""
+    rng = np.random.default_rng(seed)
+    rate, n = 1000.0, 9000
+    drive = np.convolve(rng.standard_normal(n + 400), np.hanning(200), "valid")[:n]
+    drive = 35.0 + 8.0 * (drive - drive[0]) / drive.std()
+    drive = np.clip(drive, 0.0, 75.0)
+    x = actuator(seed)(drive)
+    out = []
+    for row in range(2):
+        seen = x + noise(kind, n, rng)
+        command = (drive - 75.0) / 7.5
+        for index, count in sorted(((i, c) for r, i, c in losses if r == row), reverse=True):
+            seen = np.delete(seen, slice(index, index + count))
+        out.append(Sweep(
+            name=f"sweep_{row + 1:04d}", command_v=command[: seen.size], sensor_v=-seen / 15.48,
+            sample_rate=rate, gain=7.5, offset_v=75.0, sensitivity_um_per_v=15.48, polarity=-1,
+            zero_v=-seen[0] / 15.48, condition="walk", repeat=row + 1, history="unknown",
+            start_time=40.0 * row, origin="IMPORTED",
+        ))  # fmt: skip
+    return out
+
+
+@pytest.mark.parametrize("kind", ["white", "ar", "1/f"])
+@pytest.mark.parametrize("losses", [
+    [], [(1, 5000, 9)], [(0, 1800, 5)], [(1, 6500, 40)], [(0, 3000, 12), (1, 6000, 7)],
+    [(0, 2000, 30), (0, 5000, 6), (1, 7000, 40)],
+])  # fmt: skip
+def test_losses_are_found_where_the_drive_never_repeats_itself(kind, losses):
+    _, breaks = searched(walks(4, kind, losses))
+    found = sorted((b.row, b.index, b.count) for b in breaks)
+    assert {b.cause for b in breaks} <= {"dropped-samples"}
+    assert [(row, count) for row, _, count in found] == [(row, count) for row, _, count in losses]
+    gone = [sum(c for r, i, c in losses if r == row and i < at) for row, at, _ in losses]
+    for (_, index, _), (_, at, _), before in zip(found, losses, gone, strict=True):
+        assert abs(index + before - at) <= 15
