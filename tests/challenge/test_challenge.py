@@ -287,13 +287,66 @@ def test_anybodys_answers_are_scored(held, tmp_path, capsys):
     assert "| failures | 1 |" in capsys.readouterr().out
 
 
-def test_a_truth_that_was_changed_is_refused(held, tmp_path, capsys):
-    folder = tmp_path / "copy"
-    shutil.copytree(held[0], folder)
+def change_truth(folder):
     path = folder / "truth" / "case_0001.json"
     path.write_text(path.read_text().replace('"none"', '"creep"'))
+    return path
+
+
+def drop_truth(folder):
+    path = folder / "truth" / "case_0001.json"
+    path.unlink()
+    return path
+
+
+def add_truth(folder):
+    path = folder / "truth" / "case_0003.json"
+    shutil.copy(folder / "truth" / "case_0001.json", path)
+    return path
+
+
+def change_recording(folder):
+    path = min((folder / "cases" / "case_0002").glob("*.csv"))
+    path.write_text(path.read_text().replace(",0.0", ",0.1", 1))
+    return path
+
+
+def drop_recordings(folder):
+    path = min((folder / "cases" / "case_0002").glob("*.csv"))
+    shutil.rmtree(path.parent)
+    return path
+
+
+@pytest.mark.parametrize("harm", [
+    change_truth, drop_truth, add_truth, change_recording, drop_recordings,
+])  # fmt: skip
+def test_a_challenge_that_is_not_what_was_sealed_is_refused(harm, held, tmp_path, capsys):
+    folder = tmp_path / "copy"
+    shutil.copytree(held[0], folder)
+    path = harm(folder)
     assert main(["challenge", "--score", str(folder / "answers"), "--out", str(folder)]) == 2
-    assert capsys.readouterr().err.startswith("error[challenge-seal]")
+    said = capsys.readouterr()
+    assert said.err.startswith(f"error[challenge-seal]: {path}: ")
+    assert "| cases |" not in said.out
+
+
+def test_a_challenge_that_was_stopped_before_it_was_played_is_scored(held, tmp_path, capsys):
+    """Its truths are sealed, its recordings are not yet; no answer is a failure."""
+    folder = tmp_path / "copy"
+    shutil.copytree(held[0] / "truth", folder / "truth")
+    sums = (held[0] / "SHA256SUMS").read_text().splitlines(keepends=True)
+    (folder / "SHA256SUMS").write_text("".join(s for s in sums if "  truth/" in s))
+    (folder / "answers").mkdir()
+    assert main(["challenge", "--score", str(folder / "answers"), "--out", str(folder)]) == 1
+    assert "| failures | 2 |" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("text", [None, "", "0123 truth/case_0001.json\n"])
+def test_a_folder_without_its_hashes_is_no_challenge(text, held, tmp_path, capsys):
+    if text is not None:
+        (tmp_path / "SHA256SUMS").write_text(text)
+    assert main(["challenge", "--score", str(held[0] / "answers"), "--out", str(tmp_path)]) == 2
+    assert str(tmp_path) in capsys.readouterr().err.splitlines()[0]
 
 
 def test_a_folder_that_holds_something_is_left_alone(held, capsys):
