@@ -1,4 +1,4 @@
-"""The public benchmark: cases from a seed, sealed, played through the drivers, scored."""
+"""The public benchmark: cases from a seed, sealed, played through the drivers."""
 
 from __future__ import annotations
 
@@ -16,14 +16,12 @@ from scipy.stats import chi2
 from drivers.simulated.plant import Plant
 from piezo_rig import diagnosis
 from piezo_rig.challenge import contest
-from piezo_rig.challenge.answers import oracle_gains, row_of
 from piezo_rig.challenge.case import BLOCK, draw, kind_of
 from piezo_rig.challenge.hiding import CAUSES, QUIET, merged
 from piezo_rig.challenge.judge import Judge
 from piezo_rig.challenge.noises import NOISES, PLANT, noise_of
 from piezo_rig.challenge.play import beside
 from piezo_rig.challenge.rehearsal import Rehearsal
-from piezo_rig.challenge.score import figures, first_is_fair
 from piezo_rig.cli import main
 from piezo_rig.run_file.reader import Run
 from piezo_rig.scoring.oracle import base_columns
@@ -136,55 +134,6 @@ def test_the_oracle_finds_what_is_there_and_nothing_else(short):
     same = shapes | {"its twin": [1.5 * w for w in shapes["wave 2"]]}
     (finding, *_), alternatives = judge.findings(seen, same)
     assert {finding[0], *alternatives[finding[0]]} == {"wave 2", "its twin"}
-
-
-# ---------------------------------------------------------------------- scoring
-
-TRUTH = {
-    "case": "case_0001", "cause": "creep", "causes": ["creep"], "parameters": {},
-    "d_prime": [40.0], "asked": 40.0, "reached": True, "form": "straight", "protocol": "matrix",
-    "noise": "white", "left_nm": {"": 10.0, "creep": 4.0},
-    "oracle": {"findings": [{"cause": "creep", "p": 0.0, "alternatives": ["thermal-drift"]}],
-               "unexplained": False},
-}  # fmt: skip
-NULL = TRUTH | {"cause": "none", "causes": [], "left_nm": {"": 3.0},
-                "oracle": {"findings": [], "unexplained": False}}  # fmt: skip
-
-
-def answer(cause, alternatives=()):
-    found = [{"cause": cause, "p": 1e-9, "gain": 50.0, "gain_ci95": [40.0, 61.0],
-              "parameters": {}, "alternatives": list(alternatives)}] if cause else []
-    return {"findings": found, "unexplained": {"detected": False}}  # fmt: skip
-
-
-def test_a_first_finding_is_right_if_it_is_hidden_or_if_nobody_could_tell_it_apart():
-    assert first_is_fair(row_of(TRUTH, answer("creep")))
-    assert first_is_fair(row_of(TRUTH, answer("thermal-drift", ["creep"])))
-    assert not first_is_fair(row_of(TRUTH, answer("thermal-drift")))
-    assert not first_is_fair(row_of(TRUTH, answer("resonance", ["creep"])))
-    assert not first_is_fair(row_of(TRUTH, answer(None)))
-
-
-def test_more_than_two_false_alarms_in_a_hundred_fail_and_so_do_fewer_than_nine_firsts_in_ten():
-    good = [row_of(TRUTH, answer("creep"))] * 9 + [row_of(TRUTH, answer(None))]
-    quiet, alarm = row_of(NULL, answer(None)), row_of(NULL, answer("creep"))
-    assert figures([*good, *[quiet] * 98, alarm, alarm]).passed
-    assert not figures([*good, *[quiet] * 97, alarm, alarm, alarm]).passed
-    assert not figures([*good[1:], *[quiet] * 10]).passed
-
-
-def test_a_case_that_broke_is_a_miss_or_a_false_alarm():
-    got = figures([row_of(TRUTH, None, "broke"), row_of(NULL, None, "broke")])
-    assert (got.failures, got.false_alarms, got.first_fair, got.known) == (2, 1, 0, 1)
-    assert not got.passed
-
-
-def test_gains_are_the_oracles_in_the_order_of_the_answer():
-    both = TRUTH | {"causes": ["creep", "mains-hum"],
-                    "left_nm": {"": 10.0, "creep": 8.0, "mains-hum": 5.0, "creep+mains-hum": 2.0}}
-    hum, creep = answer("mains-hum")["findings"], answer("thermal-drift", ["creep"])["findings"]
-    assert oracle_gains(both, [*hum, *creep]) == pytest.approx([50.0, 60.0])
-    assert oracle_gains(both, answer("resonance")["findings"]) == [None]
 
 
 # ------------------------------------------------------------- the command line
