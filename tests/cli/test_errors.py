@@ -61,6 +61,15 @@ def test_a_missing_file_offers_what_is_shipped_of_its_kind(tmp_path, capsys):
     assert "amplifier" not in error
 
 
+@pytest.mark.parametrize("words", [
+    ["calibrate", "points.csv"], ["compensate", "thesis_range", "target.csv"],
+    ["import", "0-65.csv"], ["simulate", "thesis_range", "drive.csv"],
+])  # fmt: skip
+def test_a_folder_in_place_of_the_file_to_be_written_is_a_slip(words, tmp_path, capsys):
+    assert main([*words, "--out", str(tmp_path)]) == 2
+    assert said(capsys).startswith(f"error[usage]: --out {tmp_path}: a folder, not a file")
+
+
 def test_80_v_in_the_thesis_matrix_is_refused_with_exit_3(tmp_path, capsys):
     text = (shipped_folder("protocols") / "thesis_matrix.toml").read_text()
     path = tmp_path / "matrix.toml"
