@@ -19,7 +19,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from piezo_rig import __version__
-from piezo_rig.commands.outputs import refuse_overwriting
+from piezo_rig.commands.outputs import refuse_folders, refuse_overwriting
 from piezo_rig.errors import ABORTED, BAD_INPUT, INSTRUMENT, InputError, PiezoRigError
 
 # verb -> the file in piezo_rig/commands that does it
@@ -103,6 +103,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             parser.print_help()
             return BAD_INPUT
         refuse_overwriting(args)
+        refuse_folders(args)
         status = int(args.execute(args))
         sys.stdout.flush()
         return status

@@ -14,15 +14,21 @@ from piezo_rig.errors import InputError
 _SUFFIXES = {
     "protocols": (".toml",),
     "configs": (".toml",),
-    "calibration": (".toml", ".json"),
+    "calibration": (".toml",),
+    "models": (".json",),
 }
+_FOLDERS = {"models": "calibration"}  # where it is not of the kind's own name
 
 
 def shipped_folder(kind: str) -> Path:
-    """The folder of the shipped files of one kind: ``protocols``, ``configs``, ``calibration``."""
+    """The folder of the shipped files of one kind.
+
+    ``protocols``, ``configs``, ``calibration`` (of instruments) or ``models``.
+    """
     package = Path(__file__).resolve().parent
-    installed = package / "shipped" / kind
-    return installed if installed.is_dir() else package.parent / kind
+    name = _FOLDERS.get(kind, kind)
+    installed = package / "shipped" / name
+    return installed if installed.is_dir() else package.parent / name
 
 
 def shipped_names(kind: str) -> list[str]:
@@ -36,7 +42,7 @@ def find(kind: str, name: str, beside: Path | None = None) -> Path:
 
     Parameters
     ----------
-    kind : ``protocols``, ``configs`` or ``calibration``
+    kind : ``protocols``, ``configs``, ``calibration`` or ``models``
     name : a path, or the name of a shipped file with or without its suffix
     beside : a folder that relative paths may also start from (that of the config which names it)
 

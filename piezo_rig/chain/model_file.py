@@ -87,7 +87,10 @@ def read_model(path: str | Path, stages: Mapping[str, type[Stage]]) -> Model:
         model.check()
         bent_model(model, stages)
     except InputError as e:
-        raise InputError(e.code, f"{path}: {e.what}", e.cause, e.remedy) from None
+        raise InputError(
+            e.code, f"{path}: {e.what}", e.cause or "the file is damaged or was written by hand",
+            e.remedy or "identify the model again, or mend the file",
+        ) from None
     return model
 
 

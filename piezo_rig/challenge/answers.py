@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -11,54 +13,135 @@ from piezo_rig.errors import InputError
 from piezo_rig.resources import read_text
 from piezo_rig.scoring.counts import Row, named
 
+SHOWN = 60  # characters of what stands where something else is expected
+
 
 def read_answer(path: Path) -> dict[str, Any]:
     """A diagnosis JSON; only `findings` has to be there.
 
     Raises
     ------
-    InputError : not there, not JSON, or not of the contract's shape
+    InputError : not there, not JSON, or not of the contract's shape; names the field
     """
+    text = read_text(path, "diagnosis JSON")
     try:
-        answer = json.loads(read_text(path, "diagnosis JSON"))
-        return _said(answer)
-    except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
-        raise InputError("challenge-answer", f"{path}: {type(error).__name__}: {error}",
-                         "not the diagnosis JSON that docs/challenge.md describes",
-                         "mend the program that wrote it") from None  # fmt: skip
+        answer = json.loads(text)
+    except json.JSONDecodeError as error:
+        what = f"line {error.lineno}, column {error.colno}: not JSON" if text.strip() else "empty"
+        raise _refused(f"{path}: {what}") from None
+    except (ValueError, RecursionError):  # a number of thousands of digits; brackets as many
+        raise _refused(f"{path}: not JSON of a sensible size") from None
+    return _said(_Field(path, "", answer))
 
 
-def _said(answer: Mapping[str, Any]) -> dict[str, Any]:
-    rest = answer.get("unexplained") or {}
+def _refused(what: str) -> InputError:
+    return InputError("challenge-answer", what,
+                      "not the diagnosis JSON that docs/challenge.md describes",
+                      "mend the program that wrote it")  # fmt: skip
+
+
+@dataclass(frozen=True)
+class _Field:
+    """A value of an answer, and where it stands: ``findings[0].cause``. null is as good as missing.
+
+    Every method raises `InputError` where the value is not what its name says.
+    """
+
+    path: Path
+    name: str
+    value: Any
+
+    def wrong(self, expected: str) -> InputError:
+        found = "missing" if self.value is None else json.dumps(self.value)
+        found = found if len(found) <= SHOWN else found[:SHOWN] + " ..."
+        what = f"{self.name} is {found}" if self.name else f"it is {found}"
+        return _refused(f"{self.path}: {what}; expected {expected}")
+
+    def fields(self) -> dict[str, _Field]:
+        """Of an object; none where it is missing."""
+        if self.value is None and self.name:
+            return {}
+        if not isinstance(self.value, dict):
+            raise self.wrong('an object, {"name": value}')
+        dot = "." if self.name else ""
+        return {k: _Field(self.path, f"{self.name}{dot}{k}", v) for k, v in self.value.items()}
+
+    def field(self, key: str) -> _Field:
+        """Of an object, one that may be missing."""
+        dot = "." if self.name else ""
+        return self.fields().get(key, _Field(self.path, f"{self.name}{dot}{key}", None))
+
+    def items(self, of: str) -> list[_Field]:
+        if not isinstance(self.value, list):
+            raise self.wrong(f"a list of {of}")
+        return [_Field(self.path, f"{self.name}[{i}]", v) for i, v in enumerate(self.value)]
+
+    def cause(self) -> str:
+        if not isinstance(self.value, str):
+            raise self.wrong('the id of a cause, such as "creep"')
+        return self.value
+
+    def number(self) -> float | None:
+        value = self.value
+        if value is None:
+            return None
+        if isinstance(value, bool) or not isinstance(value, int | float) or not _finite(value):
+            raise self.wrong("a finite number")
+        return float(value)
+
+    def interval(self) -> list[float] | None:
+        if self.value is None:
+            return None
+        if not isinstance(self.value, list) or len(self.value) != 2:
+            raise self.wrong("two numbers, [low, high]")
+        low, high = (item.number() for item in self.items("numbers"))
+        if low is None or high is None or low > high:
+            raise self.wrong("two numbers, [low, high]")
+        return [low, high]
+
+    def flag(self) -> bool:
+        if self.value is not None and not isinstance(self.value, bool):
+            raise self.wrong("true or false")
+        return bool(self.value)
+
+
+def _finite(value: int | float) -> bool:
+    try:
+        return math.isfinite(value)
+    except OverflowError:  # an integer beyond any float
+        return False
+
+
+def _said(answer: _Field) -> dict[str, Any]:
     return {
-        "findings": [
-            {
-                "cause": str(f["cause"]),
-                "p": f.get("p_value"),
-                "gain": _number(f.get("gain_percent")),
-                "gain_ci95": _interval(f.get("gain_ci95")),
-                "parameters": {
-                    str(n): {"value": _number(p["value"]), "ci95": _interval(p.get("ci95"))}
-                    for n, p in (f.get("parameters") or {}).items()
-                    if not isinstance(p["value"], list)
-                },
-                "alternatives": [str(a) for a in f.get("alternatives") or []],
-            }
-            for f in answer["findings"]
-        ],
-        "unexplained": {"detected": bool(rest.get("detected", False))},
+        "findings": [_finding(f) for f in answer.field("findings").items("findings")],
+        "unexplained": {"detected": answer.field("unexplained").field("detected").flag()},
     }
 
 
-def _number(x: Any) -> float | None:
-    return None if x is None else float(x)
+def _finding(f: _Field) -> dict[str, Any]:
+    alternatives = f.field("alternatives")
+    return {
+        "cause": f.field("cause").cause(),
+        "p": f.field("p_value").number(),
+        "gain": f.field("gain_percent").number(),
+        "gain_ci95": f.field("gain_ci95").interval(),
+        "parameters": {
+            n: _parameter(p)
+            for n, p in f.field("parameters").fields().items()
+            if not isinstance(p.field("value").value, list)  # of several events
+        },
+        "alternatives": [
+            a.cause() for a in ([] if alternatives.value is None else alternatives.items("ids"))
+        ],
+    }
 
 
-def _interval(x: Any) -> list[float] | None:
-    if x is None:
-        return None
-    low, high = (float(v) for v in x)
-    return [low, high]
+def _parameter(p: _Field) -> dict[str, Any]:
+    value, interval = p.field("value"), p.field("ci95").interval()
+    if value.value is None and interval is not None:
+        raise value.wrong("the number that ci95 is of")
+    return {"value": value.number(), "ci95": interval}
 
 
 def row_of(

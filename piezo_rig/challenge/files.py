@@ -22,6 +22,7 @@ from piezo_rig.resources import read_text
 from piezo_rig.run_file.sweep import Sweep
 
 SUMS = "SHA256SUMS"
+REMEDY = "take the folder as it was made, or make it again: the same seed gives the same cases"
 HEADER = "time_s,drive_v,displacement_um"
 README = """Recordings of simulated piezo actuators, with effects hidden in some of them.
 
@@ -86,29 +87,50 @@ def write_sums(folder: Path) -> None:
 
 
 def read_truths(folder: Path) -> dict[str, dict[str, Any]]:
-    """Every case's truth by its name, checked against its seal.
+    """Every case's truth by its name; whatever was sealed is there, and is what was sealed.
 
     Raises
     ------
-    InputError : no folder of a challenge, or a truth that is not the one that was sealed
+    InputError : no folder of a challenge, or a truth or a recording that is missing, was changed
+        or was never sealed
     """
-    sums = {}
-    for line in read_text(folder / SUMS, "list of hashes").splitlines():
-        digest, _, name = line.partition("  ")
-        sums[name] = digest
-    truths = {}
-    for path in sorted((folder / "truth").glob("*.json")):
-        name = path.relative_to(folder).as_posix()
+    sums = _read_sums(folder)
+    truths = sorted((folder / "truth").glob("*.json"))
+    for name in [*sums, *(p.relative_to(folder).as_posix() for p in truths)]:
+        path = folder / name
+        if not path.is_file():
+            raise InputError("challenge-seal", f"{path}: missing, though it was sealed in "
+                             f"{folder / SUMS}",
+                             "it was deleted or moved, or the folder was copied in part", REMEDY)
         if sums.get(name) != sha256(path):
+            what = "truth" if path in truths else "recording"
             raise InputError("challenge-seal", f"{path}: not what was sealed in {folder / SUMS}",
-                             "the truth was changed, or belongs to another challenge",
-                             "make the cases again: the same seed gives the same")  # fmt: skip
+                             f"the {what} was changed, or belongs to another challenge", REMEDY)
+    found = {}
+    for path in truths:
         truth = json.loads(path.read_text(encoding="utf-8"))
         if truth.get("schema") != SCHEMA:
             raise InputError("challenge-truth", f"{path}: not a {SCHEMA}", "another file",
                              "give the folder that 'challenge --out' wrote")  # fmt: skip
-        truths[truth["case"]] = truth
-    if not truths:
+        found[truth["case"]] = truth
+    if not found:
         raise InputError("challenge-truth", f"{folder}: no truths in it", "another folder",
                          "give the folder that 'challenge --out' wrote")  # fmt: skip
-    return truths
+    return found
+
+
+def _read_sums(folder: Path) -> dict[str, str]:
+    """The sealed hashes by the names of their files, as `write_sums` wrote them."""
+    path = folder / SUMS
+    if not path.is_file():
+        raise InputError("challenge-truth", f"{folder}: no folder of a challenge; it has no list "
+                         f"of hashes, {SUMS}", "another folder, or that file was deleted",
+                         "give the folder that 'challenge --out' wrote")  # fmt: skip
+    sums = {}
+    for number, line in enumerate(read_text(path, "list of hashes").splitlines(), 1):
+        digest, _, name = line.partition("  ")
+        if not name:
+            raise InputError("challenge-seal", f"{path}, line {number}: not a hash, two blanks "
+                             "and the name of a file", "the list was changed", REMEDY)
+        sums[name] = digest
+    return sums

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from piezo_rig.causes.catalogue import CAUSES
 from piezo_rig.challenge.answers import oracle_row
 from piezo_rig.scoring.counts import (
     Row,
@@ -109,7 +110,7 @@ def score_text(rows: Sequence[Row]) -> str:
     mine, oracle = figures(rows), figures([oracle_row(r["truth"]) for r in rows])
     known = [r for r in rows if _sort(r) == "known" and not r["error"]]
     parts = [
-        _headline(mine, oracle), _gains(known), _cases(rows),
+        _headline(mine, oracle), _gains(known), _cases(rows), _unknown_ids(rows),
         null_table([r for r in rows if _sort(r) == "null" and not r["error"]]),
         several_table([r for r in known if len(r["truth"]["causes"]) > 1]),
         stranger_table([r for r in rows if _sort(r) == "stranger" and not r["error"]]),
@@ -176,3 +177,12 @@ def _cases(rows: Sequence[Row]) -> str:
         size = ", ".join(f"{d:.0f}" for d in t["d_prime"])
         body.append((t["case"], f"{t['protocol']}, {t['noise']}", t["cause"], size, said, oracle))
     return table(("case", "played", "hidden", "d'", "said", "oracle"), body)
+
+
+def _unknown_ids(rows: Sequence[Row]) -> str:
+    """What an answer calls a cause and the catalogue does not."""
+    return "\n".join(
+        f"- {r['truth']['case']}: {name[:60]!r} is no id of docs/causes.md and counts as wrong"
+        for r in rows for f in r["findings"] for name in (f["cause"], *f["alternatives"])
+        if name not in CAUSES
+    )  # fmt: skip

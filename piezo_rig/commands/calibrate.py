@@ -157,6 +157,10 @@ def _interferometer(
     switch, notes = check_interferometer(points, line, expected)
     lines = [f"switch       {switch}", *words(line, ("sensitivity", ""), ("um/V", "")),
              f"polarity     {1 if line.slope > 0 else -1}"]
+    lacks = [key for key in ("noise_nm", "output_noise_v") if key not in known]
+    if lacks:
+        warnings.append(f"{' and '.join(lacks)} are not in the file, because points do not tell "
+                        "them; --update OLD.toml keeps those of an earlier one")
     _print(points, lines, line.residual, notes + warnings)
     return interferometer_facts(
         line, switch, known, {**said, "serial": args.interferometer_serial}

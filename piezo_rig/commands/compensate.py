@@ -38,7 +38,7 @@ def execute(args: argparse.Namespace) -> int:
     from piezo_rig.csv_table import parse_table, read_table_text
     from piezo_rig.resources import find
 
-    model = load_model(find("calibration", args.model))
+    model = load_model(find("models", args.model))
     model.check()
     rig = load_rig(args.rig or DEFAULT_RIG)
     text = read_table_text(Path(args.target), "a CSV with time_s,displacement_um")

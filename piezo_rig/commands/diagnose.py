@@ -81,7 +81,7 @@ def _together(args: argparse.Namespace) -> int:
     outputs = _outputs(args)
     baseline = args.baseline
     if baseline not in NAMED_MODELS:
-        baseline = load_model(find("calibration", baseline))
+        baseline = load_model(find("models", baseline))
     warned: list[str] = []
     sweeps, hashes = load_data(args, for_diagnosis=True, warned=warned)
 
@@ -166,7 +166,7 @@ def _each(args: argparse.Namespace) -> int:
     items = items_for(args, outputs)
     settings: dict[str, Any] = {"baseline": args.baseline, "seed": args.seed}
     if args.baseline not in NAMED_MODELS:  # a slip is said once, and at once
-        path = find("calibration", args.baseline)
+        path = find("models", args.baseline)
         text = model_text(load_model(path))
         args.baseline = str(path.absolute())
         settings["baseline_sha256"] = hashlib.sha256(text.encode()).hexdigest()

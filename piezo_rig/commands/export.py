@@ -73,7 +73,7 @@ def _model(args: argparse.Namespace, out: Path) -> int:
     from piezo_rig.model_export import c_source, identifier, write_csv_tables, write_mat_tables
     from piezo_rig.resources import find
 
-    path = find("calibration", args.file)
+    path = find("models", args.file)
     model = load_model(path)
     source = None
     if args.format == "c":

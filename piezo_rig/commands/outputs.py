@@ -1,4 +1,4 @@
-"""No verb writes over what it reads."""
+"""No verb writes over what it reads, or a file in place of a folder."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import os
 INPUTS = ("data", "file", "files", "drive", "runs", "run", "protocol", "rig", "target", "points",
           "update")  # fmt: skip
 NAMES_OR_FILES = ("model", "baseline")  # a name such as `range` is no file, whatever lies about
+ONE_FILE = ("calibrate", "compensate", "import", "simulate")  # verbs whose --out is never a folder
 OUTPUTS = ("out", "json", "report", "save_model", "figure", "record", "config_out")
 
 
@@ -36,6 +37,16 @@ def refuse_overwriting(args: argparse.Namespace) -> None:
                     "a slip on the command line; nothing was read or written",
                     "give another name to write to",
                 )
+
+
+def refuse_folders(args: argparse.Namespace) -> None:
+    """Raise InputError where a folder stands for the one file that a verb writes."""
+    from piezo_rig.errors import InputError
+
+    if args.verb in ONE_FILE and os.path.isdir(args.out):
+        raise InputError("usage", f"--out {args.out}: a folder, not a file",
+                         "a slip on the command line; nothing was read or written",
+                         f"give a file, such as {os.path.join(args.out, 'NAME')}")
 
 
 def _same(path: str, out: str) -> bool:

@@ -242,8 +242,7 @@ def record(
         raise
     finally:
         progress.close()
-    print(f"played {samples} samples in {took:.1f} s, "
-          f"{play_s / took:.0f} times as fast as the drive itself; stack at 0 V")
+    print(f"played {samples} samples, {seconds(play_s)} of drive, in {seconds(took)}; stack at 0 V")
     return path
 
 

@@ -36,7 +36,7 @@ def execute(args: argparse.Namespace) -> int:
     from piezo_rig.chain import half_loops
     from piezo_rig.resources import find
 
-    model = load_model(find("calibration", args.model))
+    model = load_model(find("models", args.model))
     model.check()
     args.history = history = args.history or "virgin"
     stretches = _drives(args)

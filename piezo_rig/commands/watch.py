@@ -2,7 +2,8 @@
 
 On a terminal the latest loop is drawn again and again, with its noise and its flags; elsewhere
 every sweep is a line. Ends when the run is closed; Ctrl-C ends the watching and nothing else.
-A run that is closed already is shown once.
+Where nothing is being recorded yet, it waits half a minute for a run to begin. After that the
+latest run of a folder is shown once, and so is a run that is given by its name and closed already.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
 
 HELP = "follow a run that is being recorded"
 POLL_S = 1.0
+WAIT_S = 30.0  # until a run that is begun in another terminal has made its file
 PATIENCE = 20  # looks in a row that may fail
 STILL_S = 10.0  # without a word before the writer is asked after
 FEWEST = 20  # samples of a hold
@@ -45,7 +47,7 @@ def execute(args: argparse.Namespace) -> int:
 
 
 def follow(given: Path, screen: TextIO, clock: Clock) -> None:
-    """Show a run until it is closed, or its writer is gone.
+    """Wait for a run to begin, and show it until it is closed, or its writer is gone.
 
     Parameters
     ----------
@@ -58,8 +60,10 @@ def follow(given: Path, screen: TextIO, clock: Clock) -> None:
     InputError : no run, or one that cannot be read
     """
     from piezo_rig.errors import InputError
-    from piezo_rig.run_file.live import both_paths, look, writer_is_gone
+    from piezo_rig.run_file.live import begun, both_paths, look, writer_is_gone
 
+    if not begun(given) and not _waited(given, screen, clock):
+        return
     part, path = both_paths(given)
     shown: _Lines | _Picture = _Picture(screen) if screen.isatty() else _Lines(screen)
     changed: tuple[int, int] | None = None
@@ -86,6 +90,23 @@ def follow(given: Path, screen: TextIO, clock: Clock) -> None:
         else:
             shown.tick()
         clock.sleep(POLL_S)
+
+
+def _waited(given: Path, screen: TextIO, clock: Clock) -> bool:
+    """Let a run begin, or time pass; False where the operator would not wait."""
+    from piezo_rig.run_file.live import begun
+
+    what = "nothing is being recorded there" if given.is_dir() else "not there"
+    print(f"{given}: {what}; waiting {WAIT_S:g} s for a run to begin (Ctrl-C ends)", file=screen,
+          flush=True)
+    until = clock.now() + WAIT_S
+    try:
+        while not begun(given) and clock.now() < until:
+            clock.sleep(POLL_S)
+    except KeyboardInterrupt:
+        print("\nwaiting ended; nothing has begun", file=screen)
+        return False
+    return True
 
 
 def _mark(part: Path) -> tuple[int, int] | None:

@@ -47,11 +47,15 @@ class Target:
                              "a target needs a beginning and somewhere to go",
                              f"give at least {FEWEST} rows")
         for values, word in ((time, "time_s"), (um, "displacement_um")):
-            bad = np.flatnonzero(~np.isfinite(values))
-            if bad.size:
-                raise InputError("not-a-number",
-                                 f"{self.name}: {word} is not a number at sample {bad[0]} "
-                                 f"({bad.size} in all)", "a gap in the file", "fill the gap")
+            for bad, what, cause, remedy in (
+                (np.isnan(values), "not a number", "a gap in the file", "fill the gap"),
+                (np.isinf(values), "infinite", "what wrote the file divided by zero, or the number "
+                 "is too large to be kept", "give a finite number"),
+            ):  # fmt: skip
+                if bad.any():
+                    raise InputError("not-a-number",
+                                     f"{self.name}: {word} is {what} at sample {bad.argmax()} "
+                                     f"({bad.sum()} in all)", cause, remedy)
         late = np.flatnonzero(~(np.diff(time) > 0.0))
         if late.size:
             k = int(late[0]) + 1
@@ -164,6 +168,8 @@ def _out_of_reach(
     step_v = bounds.slew_v_per_s * (time - target.time_s[k - 1])
     if wanted[k] > reach.most_um and reach.drive_v + step_v >= bounds.high_v:
         cause = "the target is beyond what the highest drive gives"
+    elif wanted[k] < min(0.0, reach.least_um) and reach.drive_v - step_v <= bounds.low_v:
+        cause = "the target is below what the lowest drive gives"
     elif wanted[k] < reach.least_um and reach.drive_v - step_v <= bounds.low_v:
         cause = ("after its first rise an actuator with hysteresis does not come back to where it "
                  "began, unless the drive goes below where that was")  # fmt: skip

@@ -102,9 +102,9 @@ class Work:
                     raise InputError(
                         "not-visible", f"{name}: the worker on {socket.gethostname()} cannot read "
                         f"it: {error.strerror or error}",
-                        "the file is not on a disk that the workers share, or has another path "
-                        "there", "put the files where scheduler, workers and this computer see "
-                        "them by one path",
+                        "the file is not on a disk that the workers share, has another path "
+                        "there, or is a link to nothing", "mend the link, or put the files where "
+                        "scheduler, workers and this computer see them by one path",
                     ) from None
                 raise InputError("not-found", f"{item.given}: {error.strerror or error}",
                                  "a wrong path, or a file that is not yours to read",

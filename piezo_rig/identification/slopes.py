@@ -263,7 +263,8 @@ def _fit_laws(
         if law.id == "direction-asymmetry":
             up, down = springs.k1[springs.direction > 0], springs.k1[springs.direction < 0]
             if not up.size or not down.size:
-                raise InputError("law-not-determined", "half loops of one direction only")
+                raise InputError("law-not-determined", "half loops of one direction only",
+                                 "the drive turns too seldom", "give a recording of whole cycles")
             stages[law.id] = law.of(ratio=float((up.mean() + second) / (down.mean() + second)))
             quality[law.id] = r_squared(springs.direction, springs.k1)
     return tuple(stages[law.id] for law in laws), quality

@@ -114,7 +114,10 @@ def budget_of(sweep: Sweep, texts: dict[str, str]) -> DisplacementBudget:
                           "second differences of the sweep; slow noise is not in it"))
     else:
         parts.append(Part("noise", RANDOM, stated.noise_nm, "calibration: rms within 1 s at rest"))
-    if stated is not None and not math.isnan(stated.output_noise_v):
+    if stated is None or math.isnan(stated.output_noise_v):
+        left_out.append("no calibration states the noise of the sensor's analog output "
+                        "(output_noise_v)")
+    else:
         parts.append(Part("analog output", RANDOM, factor * stated.output_noise_v,
                           "calibration: quantisation of the sensor's output"))
     if math.isnan(setup.range_v):

@@ -105,12 +105,19 @@ class Look:
         return str(event["event"])
 
 
+def begun(given: Path) -> bool:
+    """Whether there is a run of that name; of a folder, whether one is being recorded there."""
+    if given.is_dir():
+        return any(not writer_is_gone(part) for part in given.glob("*" + PART_SUFFIX))
+    return given.is_file() or any(path.is_file() for path in _named(given))
+
+
 def both_paths(given: Path) -> tuple[Path, Path]:
     """The part file and the run that a name means; of a folder the latest of either.
 
     Raises
     ------
-    InputError : a folder without runs
+    InputError : a folder without runs, no such run, or a file that is none
     """
     if given.is_dir():
         found = [*given.glob("*" + PART_SUFFIX)]
@@ -119,6 +126,18 @@ def both_paths(given: Path) -> tuple[Path, Path]:
             raise InputError("file-missing", f"{given}: holds no run", "nothing was begun there",
                              "give a run, or the folder that 'run --out' names")
         given = max(found, key=lambda p: (p.stat().st_mtime, p.name))
+    if given.suffix != ".h5" and given.is_file():
+        raise InputError("run-file", f"{given}: not a run file", "another file",
+                         "give a run file (.h5), or the folder that 'run --out' names")
+    part, path = _named(given)
+    if not (part.exists() or path.is_file()):
+        raise InputError("file-missing", f"{given}: no such run",
+                         "a slip in the name, or nothing was begun",
+                         "give a run file (.h5), or the folder that 'run --out' names")
+    return part, path
+
+
+def _named(given: Path) -> tuple[Path, Path]:
     stem = given.name.removesuffix(PART_SUFFIX).removesuffix(".h5")
     return given.with_name(stem + PART_SUFFIX), given.with_name(stem + ".h5")
 
@@ -134,9 +153,6 @@ def look(given: Path) -> Look:
     if part.exists():
         with opened(part) as f:
             return _look_at_part(part, _entry(f, part))
-    if not path.is_file():
-        raise InputError("file-missing", f"{given}: no such run", "a slip in the name",
-                         "give a run file (.h5)")
     return _look_at_run(Run(path))
 
 

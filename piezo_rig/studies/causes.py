@@ -192,7 +192,7 @@ def _cosine(gram: FloatArray, k: int, form: Sequence[int]) -> float:
 
 def tables() -> dict[str, str]:
     """A table for every cause that can be played."""
-    model = load_model(find("calibration", "thesis_classical"))
+    model = load_model(find("models", "thesis_classical"))
     every = {name: Compared(name, model) for name in PROTOCOLS}
     out = {}
     for id in CAUSES:

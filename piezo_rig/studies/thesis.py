@@ -85,7 +85,7 @@ def play(protocol: Path, seed: int, folder: Path) -> Path:
 def thesis_models() -> dict[str, Model]:
     """Appendices A to C as the program ships them."""
     names = ("classical", "range", "extremum")
-    return {n: load_model(find("calibration", f"thesis_{n}.json")) for n in names}
+    return {n: load_model(find("models", f"thesis_{n}.json")) for n in names}
 
 
 def rise_of(model: Model) -> Elements:

@@ -208,6 +208,18 @@ def test_an_update_keeps_what_was_not_measured(tmp_path):
     assert [m["switch"] for m in measured] == [2, 3]
 
 
+def test_a_calibration_that_begins_anew_says_which_noise_it_does_not_state(tmp_path, capsys):
+    points = write(tmp_path, "sensor_v,displacement_um",
+                   [(v, 15.5 * v + 0.001 * (v == 0.2)) for v in (0.0, 0.2, 0.4)])
+    old = str(shipped_folder("calibration") / "sios_sp_s120.toml")
+    for words, states in (((), False), (("--update", old), True)):
+        status, path = calibrate(points, *words)
+        said = capsys.readouterr().out
+        assert status == 0
+        assert ("noise_nm and output_noise_v are not in the file" in said) is not states
+        assert math.isnan(load_interferometer(path, "printed").output_noise_v) is not states
+
+
 def test_the_same_points_give_the_same_file(tmp_path):
     points = write(tmp_path, "command_v,drive_v", amplifier_rows())
     assert calibrate(points)[1].read_bytes() == calibrate(points, out="b.toml")[1].read_bytes()

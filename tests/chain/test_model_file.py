@@ -65,8 +65,10 @@ def test_damage_is_refused_in_words(tmp_path, what, damage):
     if "elements" in what and "place" in what:
         load_model(path)  # the later, true table wins: JSON keeps the last of two equal keys
         return
-    with pytest.raises(InputError, match=r"m\.json"):
+    with pytest.raises(InputError, match=r"m\.json") as refused:
         load_model(path)
+    assert refused.value.cause
+    assert refused.value.remedy
 
 
 def test_a_missing_file_is_named(tmp_path):

@@ -1,4 +1,4 @@
-"""The public benchmark: cases from a seed, sealed, played through the drivers, scored."""
+"""The public benchmark: cases from a seed, sealed, played through the drivers."""
 
 from __future__ import annotations
 
@@ -16,14 +16,12 @@ from scipy.stats import chi2
 from drivers.simulated.plant import Plant
 from piezo_rig import diagnosis
 from piezo_rig.challenge import contest
-from piezo_rig.challenge.answers import oracle_gains, row_of
 from piezo_rig.challenge.case import BLOCK, draw, kind_of
 from piezo_rig.challenge.hiding import CAUSES, QUIET, merged
 from piezo_rig.challenge.judge import Judge
 from piezo_rig.challenge.noises import NOISES, PLANT, noise_of
 from piezo_rig.challenge.play import beside
 from piezo_rig.challenge.rehearsal import Rehearsal
-from piezo_rig.challenge.score import figures, first_is_fair
 from piezo_rig.cli import main
 from piezo_rig.run_file.reader import Run
 from piezo_rig.scoring.oracle import base_columns
@@ -138,55 +136,6 @@ def test_the_oracle_finds_what_is_there_and_nothing_else(short):
     assert {finding[0], *alternatives[finding[0]]} == {"wave 2", "its twin"}
 
 
-# ---------------------------------------------------------------------- scoring
-
-TRUTH = {
-    "case": "case_0001", "cause": "creep", "causes": ["creep"], "parameters": {},
-    "d_prime": [40.0], "asked": 40.0, "reached": True, "form": "straight", "protocol": "matrix",
-    "noise": "white", "left_nm": {"": 10.0, "creep": 4.0},
-    "oracle": {"findings": [{"cause": "creep", "p": 0.0, "alternatives": ["thermal-drift"]}],
-               "unexplained": False},
-}  # fmt: skip
-NULL = TRUTH | {"cause": "none", "causes": [], "left_nm": {"": 3.0},
-                "oracle": {"findings": [], "unexplained": False}}  # fmt: skip
-
-
-def answer(cause, alternatives=()):
-    found = [{"cause": cause, "p": 1e-9, "gain": 50.0, "gain_ci95": [40.0, 61.0],
-              "parameters": {}, "alternatives": list(alternatives)}] if cause else []
-    return {"findings": found, "unexplained": {"detected": False}}  # fmt: skip
-
-
-def test_a_first_finding_is_right_if_it_is_hidden_or_if_nobody_could_tell_it_apart():
-    assert first_is_fair(row_of(TRUTH, answer("creep")))
-    assert first_is_fair(row_of(TRUTH, answer("thermal-drift", ["creep"])))
-    assert not first_is_fair(row_of(TRUTH, answer("thermal-drift")))
-    assert not first_is_fair(row_of(TRUTH, answer("resonance", ["creep"])))
-    assert not first_is_fair(row_of(TRUTH, answer(None)))
-
-
-def test_more_than_two_false_alarms_in_a_hundred_fail_and_so_do_fewer_than_nine_firsts_in_ten():
-    good = [row_of(TRUTH, answer("creep"))] * 9 + [row_of(TRUTH, answer(None))]
-    quiet, alarm = row_of(NULL, answer(None)), row_of(NULL, answer("creep"))
-    assert figures([*good, *[quiet] * 98, alarm, alarm]).passed
-    assert not figures([*good, *[quiet] * 97, alarm, alarm, alarm]).passed
-    assert not figures([*good[1:], *[quiet] * 10]).passed
-
-
-def test_a_case_that_broke_is_a_miss_or_a_false_alarm():
-    got = figures([row_of(TRUTH, None, "broke"), row_of(NULL, None, "broke")])
-    assert (got.failures, got.false_alarms, got.first_fair, got.known) == (2, 1, 0, 1)
-    assert not got.passed
-
-
-def test_gains_are_the_oracles_in_the_order_of_the_answer():
-    both = TRUTH | {"causes": ["creep", "mains-hum"],
-                    "left_nm": {"": 10.0, "creep": 8.0, "mains-hum": 5.0, "creep+mains-hum": 2.0}}
-    hum, creep = answer("mains-hum")["findings"], answer("thermal-drift", ["creep"])["findings"]
-    assert oracle_gains(both, [*hum, *creep]) == pytest.approx([50.0, 60.0])
-    assert oracle_gains(both, answer("resonance")["findings"]) == [None]
-
-
 # ------------------------------------------------------------- the command line
 
 
@@ -287,13 +236,66 @@ def test_anybodys_answers_are_scored(held, tmp_path, capsys):
     assert "| failures | 1 |" in capsys.readouterr().out
 
 
-def test_a_truth_that_was_changed_is_refused(held, tmp_path, capsys):
-    folder = tmp_path / "copy"
-    shutil.copytree(held[0], folder)
+def change_truth(folder):
     path = folder / "truth" / "case_0001.json"
     path.write_text(path.read_text().replace('"none"', '"creep"'))
+    return path
+
+
+def drop_truth(folder):
+    path = folder / "truth" / "case_0001.json"
+    path.unlink()
+    return path
+
+
+def add_truth(folder):
+    path = folder / "truth" / "case_0003.json"
+    shutil.copy(folder / "truth" / "case_0001.json", path)
+    return path
+
+
+def change_recording(folder):
+    path = min((folder / "cases" / "case_0002").glob("*.csv"))
+    path.write_text(path.read_text().replace(",0.0", ",0.1", 1))
+    return path
+
+
+def drop_recordings(folder):
+    path = min((folder / "cases" / "case_0002").glob("*.csv"))
+    shutil.rmtree(path.parent)
+    return path
+
+
+@pytest.mark.parametrize("harm", [
+    change_truth, drop_truth, add_truth, change_recording, drop_recordings,
+])  # fmt: skip
+def test_a_challenge_that_is_not_what_was_sealed_is_refused(harm, held, tmp_path, capsys):
+    folder = tmp_path / "copy"
+    shutil.copytree(held[0], folder)
+    path = harm(folder)
     assert main(["challenge", "--score", str(folder / "answers"), "--out", str(folder)]) == 2
-    assert capsys.readouterr().err.startswith("error[challenge-seal]")
+    said = capsys.readouterr()
+    assert said.err.startswith(f"error[challenge-seal]: {path}: ")
+    assert "| cases |" not in said.out
+
+
+def test_a_challenge_that_was_stopped_before_it_was_played_is_scored(held, tmp_path, capsys):
+    """Its truths are sealed, its recordings are not yet; no answer is a failure."""
+    folder = tmp_path / "copy"
+    shutil.copytree(held[0] / "truth", folder / "truth")
+    sums = (held[0] / "SHA256SUMS").read_text().splitlines(keepends=True)
+    (folder / "SHA256SUMS").write_text("".join(s for s in sums if "  truth/" in s))
+    (folder / "answers").mkdir()
+    assert main(["challenge", "--score", str(folder / "answers"), "--out", str(folder)]) == 1
+    assert "| failures | 2 |" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("text", [None, "", "0123 truth/case_0001.json\n"])
+def test_a_folder_without_its_hashes_is_no_challenge(text, held, tmp_path, capsys):
+    if text is not None:
+        (tmp_path / "SHA256SUMS").write_text(text)
+    assert main(["challenge", "--score", str(held[0] / "answers"), "--out", str(tmp_path)]) == 2
+    assert str(tmp_path) in capsys.readouterr().err.splitlines()[0]
 
 
 def test_a_folder_that_holds_something_is_left_alone(held, capsys):

@@ -47,6 +47,29 @@ def test_a_slip_is_one_block_with_a_code(words, status, code, capsys):
     assert "Traceback" not in text
 
 
+def test_a_missing_file_offers_what_is_shipped_of_its_kind(tmp_path, capsys):
+    rig = tmp_path / "rig.toml"
+    text = (shipped_folder("configs") / "simulated_bench.toml").read_text()
+    rig.write_text(text.replace('calibration = "amplifier"', 'calibration = "amplifer"'))
+    assert main(["plan", "quick_look", "--rig", str(rig)]) == 2
+    error = said(capsys)
+    assert "one of: amplifier, " in error
+    assert "thesis_" not in error
+    assert main(["compensate", "thesis_rang", "t.csv", "--out", str(tmp_path / "o.csv")]) == 2
+    error = said(capsys)
+    assert "thesis_range" in error
+    assert "amplifier" not in error
+
+
+@pytest.mark.parametrize("words", [
+    ["calibrate", "points.csv"], ["compensate", "thesis_range", "target.csv"],
+    ["import", "0-65.csv"], ["simulate", "thesis_range", "drive.csv"],
+])  # fmt: skip
+def test_a_folder_in_place_of_the_file_to_be_written_is_a_slip(words, tmp_path, capsys):
+    assert main([*words, "--out", str(tmp_path)]) == 2
+    assert said(capsys).startswith(f"error[usage]: --out {tmp_path}: a folder, not a file")
+
+
 def test_80_v_in_the_thesis_matrix_is_refused_with_exit_3(tmp_path, capsys):
     text = (shipped_folder("protocols") / "thesis_matrix.toml").read_text()
     path = tmp_path / "matrix.toml"

@@ -135,6 +135,22 @@ def test_a_drive_that_would_have_to_go_below_its_lowest_is_explained():
     assert "hysteresis does not come back" in out.value.cause
 
 
+@pytest.mark.parametrize(("row", "said"), [("nan", "gap"), ("-inf", "divided by zero")])
+def test_a_number_that_is_missing_is_told_from_one_that_is_infinite(
+    tmp_path, model, capsys, row, said
+):
+    path = tmp_path / "t.csv"
+    path.write_text(f"{HEADER}\n0,0\n1,{row}\n2,1\n")
+    assert main(["compensate", model, str(path), "--out", str(tmp_path / "o.csv")]) == 2
+    assert said in capsys.readouterr().err
+
+
+def test_a_target_below_the_beginning_is_not_taken_for_one_that_comes_back():
+    with pytest.raises(LimitError) as out:
+        compensate(model_with(), lines(0.0, -1.0), RIG)
+    assert out.value.cause == "the target is below what the lowest drive gives"
+
+
 def test_every_stage_is_said_to_be_inverted_led_or_left_out():
     model = model_with(*EVERY)
     for id, values in {

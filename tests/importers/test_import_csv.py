@@ -244,8 +244,9 @@ def test_a_file_padded_with_zero_bytes_is_used_up_to_them(tmp_path: Path) -> Non
 def test_what_is_no_table_is_refused(tmp_path: Path, content: bytes, words: str) -> None:
     path = tmp_path / "a.csv"
     path.write_bytes(content)
-    with pytest.raises(InputError, match=words):
+    with pytest.raises(InputError, match=words) as refused:
         read(path)
+    assert refused.value.remedy
 
 
 @pytest.mark.parametrize("name", ["folder.csv", "missing.csv", "notes.txt", "no_extension"])

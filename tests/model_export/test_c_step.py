@@ -112,7 +112,7 @@ KINDS = {
         of("resonance", share=0.3, frequency=700.0, damping=0.03),
         of("sensor-scale", ratio=1.01), of("time-skew", delay=3.3e-4),
     ),
-    **{n: load_model(find("calibration", n)) for n in ("thesis_classical", "thesis_range")},
+    **{n: load_model(find("models", n)) for n in ("thesis_classical", "thesis_range")},
 }
 
 

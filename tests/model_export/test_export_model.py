@@ -79,7 +79,7 @@ def test_the_mat_has_the_same(model, tmp_path):
 
 
 def test_play_operators_of_the_table_are_the_model():
-    model = load_model(find("calibration", "thesis_classical"))
+    model = load_model(find("models", "thesis_classical"))
     threshold, weight = (c.values for c in operator_table(model.maxwell.elements))
     drive = np.array([0.0, 70.0, 20.0, 50.0, 30.0, 75.0, 5.0])
     state, expected = np.zeros(threshold.size), []

@@ -14,7 +14,7 @@ from piezo_rig.errors import BenchError
 from piezo_rig.report import ladder
 from piezo_rig.resources import find
 
-MODEL = load_model(find("calibration", "thesis_classical"))  # any will do
+MODEL = load_model(find("models", "thesis_classical"))  # any will do
 CLIMB = [  # what was added, rms nm, alternatives, parameters
     ("outliers", 301.0, [], {"per_second": ("1/s", 2.03, (1.42, 2.8))}),
     ("mains-hum", 300.5, [],

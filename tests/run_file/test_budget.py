@@ -77,6 +77,15 @@ def test_a_bench_with_nominal_values_knows_rounding_noise_and_quantisation():
     assert any("dead path" in text for text in budget.left_out)
 
 
+def test_an_analog_output_whose_noise_nobody_stated_is_named_and_not_in_the_sum():
+    told = budget_of(sweep(RAMP), texts())
+    untold = budget_of(sweep(RAMP), texts(sensor=SENSOR.replace("output_noise_v", "# ")))
+    assert not any("analog output" in text for text in told.left_out)
+    assert "analog output" not in values(untold)
+    assert sum("analog output" in text for text in untold.left_out) == 1
+    assert any("analog output" in text for text in budget_of(sweep(RAMP), {}).left_out)
+
+
 def test_the_rounding_of_a_printed_value_follows_its_decimals():
     rig = RIG.replace("sensitivity = 3 ", "sensitivity = 4 ")
     found = values(budget_of(sweep(RAMP, 61.9), texts(rig)))

@@ -195,10 +195,82 @@ def test_a_finished_run_is_shown_once(tmp_path, capsys):
     assert lines[2] == f"run: {path} (closed, complete, 3 of 4 sweeps)"
 
 
-@pytest.mark.parametrize("given", ["", "nothing.h5"])
-def test_what_is_no_run_is_said(given, tmp_path):
-    with pytest.raises(InputError, match="run"):
-        follow(tmp_path / given, io.StringIO(), VirtualClock())
+class Late:
+    """A bench whose run begins only after five looks."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.time = 0.0
+        self.bench: Bench | None = None
+
+    def now(self) -> float:
+        return self.time
+
+    def sleep(self, seconds: float) -> float:
+        self.time += seconds
+        if self.bench is not None:
+            self.bench.sleep(seconds)
+        elif self.time >= 5.0:
+            self.folder.mkdir(exist_ok=True)
+            self.bench = Bench(self.folder, "store 0", "store 1", "store 2", "close 0")
+        return self.time
+
+    def __enter__(self) -> Late:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self.bench is not None:
+            self.bench.__exit__()
+
+
+@pytest.mark.parametrize("there", ["an older run", "an empty folder", "nothing"])
+@pytest.mark.parametrize("given", ["", "r.h5"])
+def test_a_run_that_is_about_to_begin_is_waited_for(there, given, tmp_path):
+    folder = tmp_path / "runs"
+    if there != "nothing":
+        folder.mkdir()
+    if there == "an older run":
+        small_run(folder).rename(folder / "older.h5")
+    with Late(folder) as bench:
+        lines = watched(bench, folder / given).splitlines()
+    assert lines[0].startswith(f"{folder / given}: ")
+    assert "waiting 30 s for a run to begin" in lines[0]
+    assert "recording, " in lines[1]
+    assert lines[-1] == f"run: {folder / 'r.h5'} (closed, complete, 3 of 3 sweeps)"
+
+
+def test_a_folder_in_which_nothing_begins_shows_the_end_of_its_latest_run(tmp_path):
+    path, clock, screen = small_run(tmp_path), VirtualClock(), io.StringIO()
+    follow(tmp_path, screen, clock)
+    waiting, *_, end = screen.getvalue().splitlines()
+    assert waiting.startswith(f"{tmp_path}: nothing is being recorded there; waiting 30 s")
+    assert end == f"run: {path} (closed, complete, 3 of 4 sweeps)"
+    assert clock.now() == pytest.approx(30.0)
+
+
+@pytest.mark.parametrize(("given", "said"), [
+    ("", "holds no run"), ("nothing.h5", "no such run"), ("nothing", "no such run"),
+    ("w.log", "not a run file"), ("text.h5", "cannot be read as a run"),
+])  # fmt: skip
+def test_what_is_no_run_is_said_by_the_name_that_was_given(given, said, tmp_path):
+    for name in ("w.log", "text.h5"):
+        (tmp_path / name).write_text("a text")
+    folder = tmp_path / "folder"
+    folder.mkdir()
+    path = tmp_path / given if given else folder
+    with pytest.raises(InputError) as refused:
+        follow(path, io.StringIO(), VirtualClock())
+    assert refused.value.what.startswith(f"{path}: {said}")
+
+
+def test_ctrl_c_ends_the_waiting(tmp_path):
+    class Impatient(VirtualClock):
+        def sleep(self, seconds: float) -> float:
+            raise KeyboardInterrupt
+
+    screen = io.StringIO()
+    follow(tmp_path, screen, Impatient())
+    assert screen.getvalue().splitlines()[-1] == "waiting ended; nothing has begun"
 
 
 def test_ctrl_c_ends_the_watching_only(tmp_path, monkeypatch, capsys):

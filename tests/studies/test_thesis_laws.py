@@ -19,6 +19,6 @@ from piezo_rig.studies.thesis_tables import laws
     ],
 )
 def test_a_printed_law_is_given_as_printed(row):
-    models = {n: load_model(find("calibration", f"thesis_{n}")) for n in ("range", "extremum")}
+    models = {n: load_model(find("models", f"thesis_{n}")) for n in ("range", "extremum")}
     assert row in laws(0.2947, models, 0.2947)
     assert row in (Path(__file__).parents[2] / "docs" / "thesis.md").read_text(encoding="utf-8")

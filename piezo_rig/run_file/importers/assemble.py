@@ -17,6 +17,7 @@ from piezo_rig.errors import InputError
 from piezo_rig.run_file.importers.csv_text import read_csv
 from piezo_rig.run_file.importers.damage import compare_span, saturation
 from piezo_rig.run_file.importers.file_name import NameSays, distinct_names, parse_name
+from piezo_rig.run_file.importers.guards import advised
 from piezo_rig.run_file.importers.lvm import read_lvm
 from piezo_rig.run_file.importers.mat import read_mat
 from piezo_rig.run_file.importers.options import (
@@ -67,7 +68,8 @@ def read_recordings(
     conditions = _Conditions(warned)
     for given in paths:
         path = Path(given)
-        traces = _read(path, options, require, told, warned)
+        with advised():
+            traces = _read(path, options, require, told, warned)
         says = parse_name(path.stem)
         for part, trace in enumerate(traces, start=1):
             part_of = part if len(traces) > 1 and trace.said is None else 0

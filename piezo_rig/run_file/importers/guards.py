@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import codecs
 import re
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from piezo_rig.errors import InputError
@@ -20,6 +22,19 @@ _FORMATS = (
     (b"\x1f\x8b", "a gzip archive", "unpack it first"),
     (b"MATLAB 5.0", "a MATLAB file", "give it the extension .mat, if piezo-rig exported it"),
 )
+
+
+@contextmanager
+def advised() -> Iterator[None]:
+    """Whatever is refused inside says what to do: where nothing better is known, a fresh copy."""
+    try:
+        yield
+    except InputError as error:
+        error.remedy = error.remedy or (
+            "copy the file again from the computer that recorded it, or export it as .csv with the "
+            "header time_s,drive_v,displacement_um"
+        )
+        raise
 
 
 def read_bytes(path: Path) -> bytes:
