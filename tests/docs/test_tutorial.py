@@ -25,13 +25,15 @@ def words_of(line: str) -> list[str]:
 
 
 def follow() -> list[str]:
-    """Do all that the page says in the current folder; returns the verbs that were called."""
+    """Do all that the page says in the current folder; returns the verbs that were called.
+
+    Blocks go into their files as they are printed.
+    """
     called = []
     for kind, text in BLOCK.findall(PAGE):
         if kind in ("toml", "csv"):
             head = text.splitlines()[0].removeprefix("# ")
             name = head.removeprefix("at the end of ")
-            text = "\n" + text if kind == "toml" else text.split("\n", 1)[1]
             with open(name, "a" if head != name else "w", encoding="utf-8") as handle:
                 handle.write(text)
         elif kind == "sh":
