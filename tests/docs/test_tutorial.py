@@ -71,6 +71,7 @@ def test_every_command_of_the_tutorial_does_what_the_page_says(tmp_path, monkeyp
     assert said.err == ""
     assert re.findall(r"FAULT .*", said.out) == re.findall(r"FAULT .* noise at rest .*", said.out)
     assert said.out.count("\n1 fault\n") == called.count("doctor") == 2
+    assert len(re.findall(r"\n  ok +piezo +at rest, 0\.0\d V .*\n1 fault\n", said.out)) == 2
     (ladder,) = (text for kind, text in BLOCK.findall(PAGE) if kind == "text")
     rungs = re.findall(r"^  \+ (\S+)", ladder, re.MULTILINE)
     assert re.findall(r"^  \+ (\S+)", said.out, re.MULTILINE) == rungs
