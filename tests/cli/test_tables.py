@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 
@@ -12,6 +14,7 @@ TABLES = {
     "calibrate": ("command_v,drive_v", ["-10,0.01", "-8,15", "-6,29.99", "-4,45", "0,75.01"]),
     "compensate": ("time_s,displacement_um", ["0,0", "0.1,1", "0.2,1", "0.3,0.9"]),
     "plan": ("time_s,drive_v", ["0,0", "0.1,20", "0.2,20", "0.3,0"]),
+    "simulate": ("time_s,drive_v", ["0,0", "0.1,20", "0.2,20", "0.3,0"]),
 }
 """Verb -> header and rows of the table that it reads."""
 
@@ -34,6 +37,7 @@ def read(tmp_path, capsys):
         "calibrate": ["calibrate", str(table), "--out", out],
         "compensate": ["compensate", model, str(table), "--out", out],
         "plan": ["plan", str(protocol)],
+        "simulate": ["simulate", model, str(table), "--out", out],
     }
 
     def reading(verb: str, lines: list[str]) -> tuple[int, str]:
@@ -55,7 +59,7 @@ def test_a_comment_after_numbers_is_no_number(read, verb):
     header, rows = TABLES[verb]
     status, error = read(verb, ["# table.csv", header, rows[0] + " # noon", *rows[1:]])
     assert status == 2
-    assert "table.csv:3: " in error or "table.csv: line 3: " in error
+    assert re.search(r"table\.csv:( line )?3\b", error)
 
 
 @pytest.mark.parametrize("verb", TABLES)
