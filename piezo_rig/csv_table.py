@@ -1,13 +1,14 @@
 """CSV files of this program's own shape: a header with names and units, then numbers.
 
-Strict on purpose: what is asked for here is played, so nothing is guessed. Recordings, which come
-in any shape, are read by `piezo_rig.run_file.importers`.
+Strict on purpose: what is asked for here is played, so nothing is guessed. Lines that begin with
+``#`` are comments, and pass. Recordings, which come in any shape, are read by
+`piezo_rig.run_file.importers`.
 """
 
 from __future__ import annotations
 
 import io
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -37,6 +38,14 @@ def read_table_text(path: Path, what: str) -> str:
                          "a folder, or not yours to read", f"give {what}") from None
 
 
+def table_lines(text: str) -> Iterator[tuple[int, str]]:
+    """Number (from 1) and text of every line of a table that is neither blank nor a comment."""
+    for number, line in enumerate(io.StringIO(text), start=1):
+        begins = line.lstrip()
+        if begins and not begins.startswith("#"):
+            yield number, line.rstrip("\n")
+
+
 def parse_table(text: str, columns: Sequence[str], name: str) -> list[FloatArray]:
     """The columns (n,) of a table, in the order asked for.
 
@@ -49,31 +58,29 @@ def parse_table(text: str, columns: Sequence[str], name: str) -> list[FloatArray
     ------
     InputError : another header, a row that is cut short, a cell that is no number
     """
-    head, _, body = text.lstrip("\r\n").partition("\n")
+    head, *rows = [line for _, line in table_lines(text)] or [""]
     found = [cell.strip().strip('"') for cell in head.split(",")]
     if sorted(found) != sorted(columns):
         raise InputError(
             "table-header", f"{name}: the header is {head.strip()[:80]!r}",
             "other columns or other units than expected, or no header at all",
-            f"let the first line be {','.join(columns)}",
+            f"let the first line, but for comments (#), be {','.join(columns)}",
         )
-    if not body.strip():
+    if not rows:
         return [np.empty(0) for _ in columns]
     try:
-        table = np.loadtxt(io.StringIO(body), delimiter=",", ndmin=2, comments=None)
+        table = np.loadtxt(rows, delimiter=",", ndmin=2, comments=None)
     except ValueError:
-        raise _bad_row(body, len(columns), name) from None
+        raise _bad_row(text, len(columns), name) from None
     if table.shape[1] != len(columns):
-        raise _bad_row(body, len(columns), name)
+        raise _bad_row(text, len(columns), name)
     return [np.ascontiguousarray(table[:, found.index(c)]) for c in columns]
 
 
-def _bad_row(body: str, columns: int, name: str) -> InputError:
+def _bad_row(text: str, columns: int, name: str) -> InputError:
     """An error that names the first row at fault."""
-    for line, row in enumerate(body.split("\n"), start=2):
+    for line, row in [*table_lines(text)][1:]:
         cells = row.strip().split(",")
-        if cells == [""]:
-            continue
         try:
             numbers = [float(cell) for cell in cells]
         except ValueError:

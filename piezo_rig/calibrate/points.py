@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from piezo_rig.csv_table import table_lines
 from piezo_rig.errors import InputError
 from piezo_rig.resources import read_text
 
@@ -110,8 +111,7 @@ def read_points(path: Path) -> list[Points]:
 def _rows(path: Path) -> list[tuple[int, list[str]]]:
     """Line number and cells of every line that holds something."""
     text = read_text(path, "file of points (CSV)")
-    body = [(n, s) for n, s in enumerate(text.splitlines(), 1)
-            if s.strip(" ,;\t") and not s.lstrip().startswith("#")]
+    body = [(n, s) for n, s in table_lines(text) if s.strip(" ,;\t")]
     if not body:
         return []
     separator = max(";\t,", key=body[0][1].count)

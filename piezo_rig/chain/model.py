@@ -128,7 +128,8 @@ class Model:
         """Raise InputError when a stage's numbers cannot be right."""
         for stage in self.stages:
             stage.check()
-        law = bool(self.branches().laws)
+        with np.errstate(divide="ignore"):  # a slope of 0 is refused below
+            law = bool(self.branches().laws)
         for stage in self.stages:
             if stage.elements is not None:
                 stage.elements.check(f"stage {stage.id}", law and isinstance(stage, Maxwell))

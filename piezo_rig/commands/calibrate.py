@@ -62,8 +62,11 @@ def execute(args: argparse.Namespace) -> int:
     _write(path, text)
     print(f"calibration: {path}")
     print(f"sha256: {sha256_of(text)}")
+    print("in the rig's config:")
     for name in parts:
-        print(f'in the rig\'s config, under [{name}]: calibration = "{path}"')
+        print(f'  under [{name}]: calibration = "{path}"')
+    if "amplifier" in parts:
+        _print_rail(float(parts["amplifier"]["gain"]), float(parts["amplifier"]["offset_v"]))
     return 0
 
 
@@ -176,6 +179,21 @@ def _print(points: Points, lines: list[str], residual: float, warnings: list[str
           f"{points.x.size - 2} degrees of freedom")
     for warning in warnings:
         print(f"  note: {warning}")
+
+
+def _print_rail(gain: float, offset_v: float) -> None:
+    """What else a config needs where the generator's usual 0 V no longer reach the upper rail."""
+    from piezo_rig.config.rig import COMMAND_MAX_V, DRIVE_MAX_V, SHIFT_V, command_max_for
+
+    short = DRIVE_MAX_V - (gain * COMMAND_MAX_V + offset_v)
+    need = command_max_for(DRIVE_MAX_V, gain, offset_v)
+    if short > SHIFT_V:
+        print(f"  note: {COMMAND_MAX_V:g} V of command are {DRIVE_MAX_V - short:.4g} V on the "
+              f"stack; to reach {DRIVE_MAX_V:g} V raise the amplifier's set voltage and calibrate "
+              "again")
+    elif need > COMMAND_MAX_V:
+        print(f"  under [waveform_dac]: command_max_v = {need:g}")
+        print(f"    (to reach {DRIVE_MAX_V:g} V on the stack; its limit, drive_max_v, stays)")
 
 
 def _write(path: Path, text: str) -> None:

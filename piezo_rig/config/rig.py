@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -22,8 +23,10 @@ AMPLIFIER_DRIVERS = ("thorlabs_mdt69x", "manual")
 """The names of `drivers.kinds`; a config is read without the drivers."""
 KEYSIGHT_RANGES_V = (0.25, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 128.0, 256.0)
 CARD_RANGES_V = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0)
-REST_DRIVE_TOLERANCE_V = 0.5
-"""A measured gain and offset rarely put 0 V of drive at the generator's lowest level exactly."""
+COMMAND_MAX_V, DRIVE_MAX_V = 0.0, 75.0
+"""Of a config that does not say otherwise."""
+SHIFT_V = 0.5
+"""On the stack: so far a measured gain and offset may put its ends from those of the generator."""
 
 
 @dataclass(frozen=True)
@@ -134,6 +137,33 @@ class Rig:
         """V on the stack at rest: 0 but for what a calibration moved it beyond the generator."""
         return self.gain * self.rest_command_v + self.offset_v
 
+    @property
+    def top_drive_v(self) -> float:
+        """V on the stack, to the hundredth, up to which the limits of drive and command go."""
+        by_command = self.gain * self.command_max_v + self.offset_v
+        return min(self.limits.drive_max_v, math.floor(100.0 * by_command + 1e-4) / 100.0)
+
+    @property
+    def way_to_the_top(self) -> str:
+        """What to do where the command ends before ``drive_max_v``; empty where it does not.
+
+        Who has calibrated may raise the command's limit by as much as a calibration shifts; where
+        more is missing, the limit is meant, or the calibration wrong.
+        """
+        top, wanted = self.top_drive_v, self.limits.drive_max_v
+        if top >= wanted:
+            return ""
+        stay = f"play to {top:g} V at most"
+        if wanted - top > SHIFT_V:
+            return stay
+        command_v = command_max_for(wanted, self.gain, self.offset_v)
+        return f"set command_max_v = {command_v:g} under [waveform_dac] in {self.path}, or {stay}"
+
+
+def command_max_for(drive_v: float, gain: float, offset_v: float) -> float:
+    """The least ``command_max_v``, in whole mV but written in V, with which a drive is reached."""
+    return math.ceil(1e3 * (drive_v - offset_v) / gain - 1e-6) / 1e3
+
 
 def _link(
     root: Table, key: str, drivers: tuple[str, ...], simulated: bool, without_link: tuple[str, ...]
@@ -205,7 +235,7 @@ def load_rig(name: str = DEFAULT_RIG) -> Rig:
 
     dac, dac_link = _link(root, "waveform_dac", DAC_DRIVERS, simulated, ())
     command_min = dac.number("command_min_v", -10.0, low=-10.0, high=10.0)
-    command_max = dac.number("command_max_v", 0.0, low=-10.0, high=10.0)
+    command_max = dac.number("command_max_v", COMMAND_MAX_V, low=-10.0, high=10.0)
     dac.finish()
 
     digitizer, digitizer_link = _link(root, "digitizer", DIGITIZER_DRIVERS, simulated, ())
@@ -283,7 +313,7 @@ def load_rig(name: str = DEFAULT_RIG) -> Rig:
     bounds = root.table("limits", required=False)
     limits = Limits(
         drive_min_v=bounds.number("drive_min_v", 0.0),
-        drive_max_v=bounds.number("drive_max_v", 75.0),
+        drive_max_v=bounds.number("drive_max_v", DRIVE_MAX_V),
         slew_v_per_s=bounds.number("slew_v_per_s", 10_000.0, above=0.0),
         current_a=bounds.number("current_a", 0.05, above=0.0),
         rest_slew_v_per_s=bounds.number("rest_slew_v_per_s", 300.0, above=0.0),
@@ -303,7 +333,7 @@ def load_rig(name: str = DEFAULT_RIG) -> Rig:
     root.finish()
 
     rest = -amplifier_calibration.offset_v / amplifier_calibration.gain
-    slack = REST_DRIVE_TOLERANCE_V / amplifier_calibration.gain
+    slack = SHIFT_V / amplifier_calibration.gain
     if not command_min - slack <= rest <= command_max + 1e-9:
         raise dac.error(
             "command_min_v",

@@ -22,8 +22,8 @@ _RATES = (5000.0, 2000.0, 1000.0, 10_000.0)
 
 
 def levels(rig: Rig) -> tuple[float, float, float]:
-    """Two safe voltages and the upper rail, volts of drive."""
-    top = rig.limits.drive_max_v
+    """Two safe voltages and the upper rail, as far as the command may go, volts of drive."""
+    top = rig.top_drive_v
     return round(top / 3, 1), round(2 * top / 3, 1), top
 
 
@@ -51,7 +51,14 @@ def voltages(bench: Bench, plan: Plan, seen: Recorded) -> Iterator[Check]:
     """Drive monitor and sensor at rest, at the two voltages and at the rail."""
     rig = bench.rig
     places = _holds(plan, rig.digitizer.oversampling)
-    asked = np.array([0.0, *levels(rig)])
+    asked = np.array([round(rig.rest_drive_v, 2), *levels(rig)])
+    if rig.way_to_the_top:
+        yield Check(
+            "note", "waveform_dac", f"command_max_v = {rig.command_max_v:g} ends the drive at "
+            f"{rig.top_drive_v:g} V; drive_max_v is {rig.limits.drive_max_v:g} V",
+            f"that is what the calibration {rig.amplifier_calibration.path} makes of it",
+            rig.way_to_the_top,
+        )
     if seen.monitor_v is None:
         yield Check("skip", "amplifier", "the drive monitor is not wired (monitor_channel = 0): "
                     "nobody can see what the stack gets")

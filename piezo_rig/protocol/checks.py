@@ -121,12 +121,16 @@ def _check_levels(plan: Plan, condition: Condition, wave: Wave) -> None:
             index = int(values.argmin())
             if values[index] >= low - tolerance:
                 continue
+        cause = "the protocol asks for more than this rig may give"
+        remedy = "change the condition's levels, or the rig's config if its limits are wrong"
+        if code == "limit-command" and values[index] > high and rig.way_to_the_top:
+            cause = (f"by the calibration {rig.amplifier_calibration.path} that is what "
+                     f"{wave.drive_v[index]:.4g} V on the stack need")
+            remedy = rig.way_to_the_top
         raise LimitError(
             code,
             f"{_where(plan, condition, index)}: {word} of {values[index]:.3f} {unit} is outside "
-            f"{low:g} .. {high:g} V",
-            "the protocol asks for more than this rig may give",
-            "change the condition's levels, or the rig's config if its limits are wrong",
+            f"{low:g} .. {high:g} V", cause, remedy,
         )
 
 

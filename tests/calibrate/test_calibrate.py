@@ -234,6 +234,18 @@ def test_german_tables_are_read(tmp_path):
     assert load_amplifier(out).gain == pytest.approx(7.5, abs=0.005)
 
 
+def test_a_row_may_begin_with_empty_cells_between_tabs(tmp_path):
+    path = tmp_path / "points.csv"
+    rows = [f"\t\t{v}\t{15.48 * v + 0.001 * (v == 0.2)}" for v in (0.0, 0.2, 0.4)]
+    rows += [f"{c}\t{d}\t\t" for c, d in amplifier_rows()]
+    path.write_text("\n".join(["command_v\tdrive_v\tsensor_v\tdisplacement_um", *rows]) + "\n")
+    status, out = calibrate(path)
+    assert status == 0
+    assert load_interferometer(out, "printed").sensitivities_um_per_v[3] == pytest.approx(
+        15.48, abs=0.01)
+    assert load_amplifier(out).gain == pytest.approx(7.5, abs=0.005)
+
+
 def test_a_polarity_that_contradicts_the_calibration_is_refused(tmp_path):
     beam = write(tmp_path, "sensor_v,displacement_um",
                  [(v, 15.48 * v + 0.001 * (v == 0.2)) for v in (0.0, 0.2, 0.4)])

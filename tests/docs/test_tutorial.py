@@ -24,16 +24,28 @@ def words_of(line: str) -> list[str]:
     return words
 
 
+def with_tables(config: str, tables: str) -> str:
+    """A config in which whole tables are replaced by others of their names."""
+    for table in re.split(r"^(?=\[)", tables, flags=re.MULTILINE)[1:]:
+        name = re.escape(table.partition("\n")[0])
+        config, replaced = re.subn(rf"(?ms)^{name}\n.*?(?=^\[)", lambda m, t=table: t, config)
+        assert replaced == 1, name
+    return config
+
+
 def follow() -> list[str]:
-    """Do all that the page says in the current folder; returns the verbs that were called."""
+    """Do all that the page says in the current folder; returns the verbs that were called.
+
+    Blocks go into their files as they are printed.
+    """
     called = []
     for kind, text in BLOCK.findall(PAGE):
         if kind in ("toml", "csv"):
             head = text.splitlines()[0].removeprefix("# ")
-            name = head.removeprefix("at the end of ")
-            text = "\n" + text if kind == "toml" else text.split("\n", 1)[1]
-            with open(name, "a" if head != name else "w", encoding="utf-8") as handle:
-                handle.write(text)
+            how, name = re.fullmatch(r"(at the end of |in |)(\S+)", head).groups()
+            before = Path(name).read_text(encoding="utf-8") if how else ""
+            after = with_tables(before, text) if how == "in " else before + text
+            Path(name).write_text(after, encoding="utf-8")
         elif kind == "sh":
             for line in text.splitlines():
                 program, *words = words_of(line)
@@ -53,11 +65,14 @@ def test_every_command_of_the_tutorial_does_what_the_page_says(tmp_path, monkeyp
     monkeypatch.setattr("piezo_rig.commands.watch.WAIT_S", 1.0)  # no other terminal begins a run
     called = follow()
     assert called == [
-        "doctor", "calibrate", "plan", "run", "watch", "show", "verify", "export", "identify",
-        "simulate", "compensate", "export", "diagnose",
+        "doctor", "calibrate", "doctor", "plan", "run", "watch", "show", "verify", "export",
+        "identify", "simulate", "compensate", "export", "diagnose",
     ]  # fmt: skip
     said = capsys.readouterr()
     assert said.err == ""
+    assert re.findall(r"FAULT .*", said.out) == re.findall(r"FAULT .* noise at rest .*", said.out)
+    assert said.out.count("\n1 fault\n") == called.count("doctor") == 2
+    assert len(re.findall(r"\n  ok +piezo +at rest, 0\.0\d V .*\n1 fault\n", said.out)) == 2
     (ladder,) = (text for kind, text in BLOCK.findall(PAGE) if kind == "text")
     rungs = re.findall(r"^  \+ (\S+)", ladder, re.MULTILINE)
     assert re.findall(r"^  \+ (\S+)", said.out, re.MULTILINE) == rungs

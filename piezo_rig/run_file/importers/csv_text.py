@@ -1,8 +1,8 @@
 """Recordings as comma-separated text with a header line.
 
 Commas, semicolons or tabs between cells; decimal commas where the separator is
-another; comments (``#``) before the header, which may itself stand in the last of
-them. Everything that stands in the file is taken as it is written.
+another; lines that begin with ``#`` are comments; the header may itself stand in the
+last of those before the rows. Everything that stands in the file is taken as it is written.
 """
 
 from __future__ import annotations
@@ -25,6 +25,7 @@ from piezo_rig.run_file.importers.words import is_known, is_time
 CODE = "import-csv"
 MOST_COLUMNS = 2000
 _SEPARATORS = (";", "\t", ",")
+_COMMENT = re.compile(rb"^[ \t]*#.*$", re.MULTILINE)
 _NUMERIC = re.compile(r"[+-]?(?:\d+[.,]?\d*|[.,]\d+)(?:[eE][+-]?\d+)?|[+-]?nan|", re.I)
 
 
@@ -41,6 +42,8 @@ def read_csv(path: Path) -> list[Recording]:
     header, start, first_line, separator, comments, remarks = _find_header(path, text)
     names = [cell.strip() for cell in split_cells(header, separator)] if header else []
     body = text[start:]
+    if b"#" in body:
+        body = _COMMENT.sub(b"", body)  # an empty line, so that later lines keep their numbers
     if not names:
         first = decoded(body[: body.find(b"\n") + 1 or None])
         names = [f"column {i + 1}" for i in range(len(split_cells(first, separator)))]
@@ -93,8 +96,8 @@ def _find_header(
         number += 1
         if re.fullmatch("sep=.", line.strip(), re.I):
             forced = line.strip()[-1]
-        elif line.startswith("#"):
-            comment, comment_number = line.lstrip("# "), number
+        elif line.lstrip().startswith("#"):
+            comment, comment_number = line.lstrip("# \t"), number
             if len(remarks) < MOST_LINES:
                 remarks.append(comment)
         elif line.strip():
