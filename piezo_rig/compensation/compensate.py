@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from piezo_rig.chain import Model
-from piezo_rig.chain.half_loops import SMALL, dead_band
+from piezo_rig.chain.half_loops import SMALL, dead_band, half_loops
 from piezo_rig.compensation.stages import Treatment, treat
 from piezo_rig.compensation.stepper import Bounds, OutOfReach, Stepper
 from piezo_rig.compensation.tables import ROUNDING_V
@@ -139,12 +139,21 @@ def compensate(
     least = SMALL * span_v if np.isfinite(span_v) else ROUNDING_V
     drive, warnings = followed(least), []
     band = dead_band(drive)
+    own = SMALL * float(np.ptp(drive))
+    if band <= least and own < least and _turns(drive, own) != _turns(drive, least):
+        drive = followed(own)  # what is a half loop is then one for `simulate` as well
+        band = dead_band(drive)
     if band > least:
         drive = followed(band)
         warnings = [f"the drive is rough: reversals of it up to {band:.2g} V are taken for noise, "
                     "and are no half loops; a smoother target is followed better"]  # fmt: skip
     predicted = model.simulate(time, drive, free_end=free_end)
     return Compensation(drive, predicted, lead_s, treatments, warnings)
+
+
+def _turns(drive_v: FloatArray, band_v: float) -> int:
+    """Half loops of a drive, reversals up to ``band_v`` left out."""
+    return len(half_loops(drive_v, band_v))
 
 
 def _first_drive(model: Model, bounds: Bounds) -> float:

@@ -149,7 +149,8 @@ def _reaching(name: str, k: int, stage: Stage, back: bool) -> list[str]:
 
 _MEMBERS = """\
     double origin, here, moved;       /* drive at the start and now (V); displacement (um) */
-    double turned_at;                 /* drive at the last turning point, V */
+    double extreme, begun_at;         /* of the half loop, its furthest drive and its first, V */
+    int loop_way;                     /* of the half loop, as `way` */
     int way;                          /* +1 rising, -1 falling, 0 not moved yet */
     int depth;                        /* turning points that are remembered */
     double turn[NAME_DEPTH];
@@ -190,7 +191,7 @@ static void NAME_move(struct NAME *s, double to)
         return;
     way = to > s->here ? 1 : -1;
     if (s->way == -way) {
-        double range = s->here - s->turned_at;
+        double range = s->here - s->begun_at;
         if (s->depth == NAME_DEPTH) { /* full: the smallest loop, the innermost, is forgotten */
             s->depth -= 2;
             s->forgotten++;
@@ -199,9 +200,16 @@ static void NAME_move(struct NAME *s, double to)
         NAME_branch(s, s->depth, range < 0.0 ? -range : range, s->here, way);
         s->depth++;
         s->band[s->depth] = 0;
-        s->turned_at = s->here;
     }
     s->way = way;
+    if ((to - s->extreme) * s->loop_way > 0.0) {
+        s->extreme = to;
+    } else if (to - s->extreme > s->dead_band || s->extreme - to > s->dead_band) {
+        if (s->loop_way)
+            s->begun_at = s->extreme;
+        s->loop_way = to > s->extreme ? 1 : -1;
+        s->extreme = to;
+    }
     for (;;) {
         int endless, returns, on;
         d = s->depth;

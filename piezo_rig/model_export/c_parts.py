@@ -218,28 +218,29 @@ def _creep(stage: Stage, at: Place) -> Part:
 
 
 def _cycle_aging(stage: Stage, at: Place) -> Part:
-    drive, way, halves, gain, before, aged = (
-        at.own(w) for w in ("drive", "way", "halves", "gain", "before", "aged")
+    drive, way, halves, before, aged = (
+        at.own(w) for w in ("drive", "way", "halves", "before", "aged")
     )
     return Part(
-        members=f"double {drive}, {halves}, {gain}, {before}, {aged};\nint {way};",
+        members=f"double {drive}, {halves}, {before}, {aged};\nint {way};",
         step=f"""\
 if (!s->begun) {{
     s->{drive} = v;
     s->{way} = 0;
-    s->{halves} = s->{gain} = s->{aged} = 0.0;
+    s->{halves} = s->{aged} = 0.0; /* two half loops are a cycle */
     s->{before} = x;
 }}
-if (v != s->{drive}) {{
-    int way = v > s->{drive} ? 1 : -1;
-    if (s->{way} == -way) {{ /* two half loops are a cycle */
-        s->{halves} += 1.0;
-        s->{gain} = log10(floor(0.5 * s->{halves}) + 1.0);
-    }}
-    s->{way} = way;
+if ((v - s->{drive}) * s->{way} > 0.0) {{
+    s->{drive} = v;
+}} else if (v - s->{drive} > s->dead_band || s->{drive} - v > s->dead_band) {{
+    s->{halves} += s->{way} ? 1.0 : 0.0;
+    s->{way} = v > s->{drive} ? 1 : -1;
     s->{drive} = v;
 }}
-s->{aged} += s->{gain} * (x - s->{before});
+{{
+    double back = v != s->{drive} && s->{way} ? 1.0 : 0.0; /* until it turns out to be small */
+    s->{aged} += log10(floor(0.5 * (s->{halves} + back)) + 1.0) * (x - s->{before});
+}}
 s->{before} = x;
 x += {number(stage['rate_per_decade'])} * s->{aged};""",
     )

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 from piezo_rig import __version__
 from piezo_rig.causes.rate_dependence import RateDependence
+from piezo_rig.chain.half_loops import SMALL
 from piezo_rig.chain.model import Model
 from piezo_rig.chain.stage import Stage
 from piezo_rig.errors import InputError
@@ -70,9 +71,10 @@ def c_source(model: Model, name: str, sample_rate: float, source: str = "") -> C
         (s, _part(s, Place(name, k, period_s, branches)))
         for k, s in enumerate(stages) if type(s) in PARTS
     ]
-    body = _file(name, maxwell, parts, 1.0 / branches.first_slope_v_per_um)
+    dead_band_v = SMALL * _swing_v(model)
+    body = _file(name, maxwell, parts, 1.0 / branches.first_slope_v_per_um, dead_band_v)
     counts = bool(laws) or any(s.id == "cycle-aging" for s in stages)
-    head = _head(model, name, sample_rate, source, stages, left_out, counts)
+    head = _head(model, name, sample_rate, source, stages, left_out, counts, dead_band_v)
     return CSource(f"{head}\n{body}", [s.id for s in stages], left_out)
 
 
@@ -99,7 +101,7 @@ def _unknown(stage: Stage) -> str:
 
 def _head(
     model: Model, name: str, sample_rate: float, source: str, stages: list[Stage],
-    left_out: dict[str, str], counts: bool,
+    left_out: dict[str, str], counts: bool, dead_band_v: float,
 ) -> str:
     """The comment at the top."""
     lines = [
@@ -128,8 +130,8 @@ def _head(
     ]
     if counts:
         lines += [
-            "Every reversal of the drive begins a half loop: feed it the commanded drive, not a",
-            "measured one. (simulate estimates the noise of a whole drive and passes over it.)",
+            f"Reversals up to state.dead_band, {dead_band_v:.4g} V, begin no half loop. For a",
+            "noisier drive, as a measured one, set it after init to ten times the noise.",
         ]
     lines += ["", "Stages:"]
     for stage in stages:
@@ -148,12 +150,21 @@ def _head(
     return f"/*\n{inside}\n */"
 
 
+def _swing_v(model: Model) -> float:
+    """How far the drives swung that the elements reach."""
+    own = [s.elements for s in model.stages if s.has_elements and s.id != "maxwell"]
+    later = model.maxwell.elements
+    assert later is not None
+    return float(max(2.0 * later.knots_v[-1], *(e.knots_v[-1] for e in own if e is not None), 0.0))
+
+
 def _wrapped(text: str) -> list[str]:
     return textwrap.wrap(text, 88, initial_indent="    ", subsequent_indent="        ")
 
 
 def _file(
-    name: str, maxwell: Kernel, parts: list[tuple[Stage, Part]], ahead_um_per_v: float
+    name: str, maxwell: Kernel, parts: list[tuple[Stage, Part]], ahead_um_per_v: float,
+    dead_band_v: float,
 ) -> str:
     """All of it below the head."""
     before = [(s, p) for s, p in parts if s.place == "drive"]
@@ -179,6 +190,7 @@ struct {name} {{
     int begun, fault;
     unsigned long forgotten;
     double zero, shown;
+    double dead_band; /* reversals up to that are no half loops, V */
 {maxwell.members}{members}
 }};
 
@@ -192,6 +204,7 @@ void {name}_init(struct {name} *s)
     s->begun = s->fault = 0;
     s->forgotten = 0;
     s->zero = s->shown = 0.0;
+    s->dead_band = {number(dead_band_v)};
 }}
 
 /* Displacement, um, of the next sample of the drive, V. */
@@ -207,9 +220,9 @@ double {name}_step(struct {name} *s, double drive_v)
     seen = v;
 {_steps(sliders)}
     if (!s->begun) {{
-        s->origin = s->here = s->turned_at = seen;
+        s->origin = s->here = s->extreme = s->begun_at = seen;
         s->moved = 0.0;
-        s->way = s->depth = 0;
+        s->way = s->loop_way = s->depth = 0;
         s->band[0] = 0;
     }}
     {name}_move(s, seen);

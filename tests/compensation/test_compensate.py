@@ -221,3 +221,18 @@ def test_a_drive_that_is_clipped_below_begins_where_the_actuator_does():
                                atol=1e-8)  # fmt: skip
     with pytest.raises(LimitError):  # the amplifier ends at 60 V, 5.5 um above
         compensate(clipped, lines(0.0, 5.6), RIG)
+
+
+def test_a_small_reversal_is_a_half_loop_for_the_inverse_where_it_is_one_for_the_model():
+    # 25 mV on the way to 40 V: above 0.05 % of what is played, below that of the rig's range
+    model = model_with("initiation-stage", "range-dependence")
+    drive = np.concatenate([
+        np.linspace(a, b, n, endpoint=False)
+        for a, b, n in ((0.0, 30.0, 900), (30.0, 29.975, 30), (29.975, 40.0, 300), (40.0, 5.0, 900))
+    ])  # fmt: skip
+    time = STEP * np.arange(drive.size)
+    target = Target(time, model.simulate(time, drive))
+    done = compensate(model, target, Bounds(0.0, 75.0, 1e6))
+    assert done.warnings == []
+    assert np.abs(done.predicted_um - target.displacement_um).max() < 3e-4
+    assert done.drive_v == pytest.approx(drive, abs=5e-3)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -128,6 +129,20 @@ def test_the_step_function_agrees_with_simulate(kind, tmp_path):
     for drive, moved in zip(played, compiled.play(*played), strict=True):
         assert np.max(np.abs(moved - simulated(KINDS[kind], drive))) < CLOSE_UM
     assert (compiled.fault, compiled.forgotten) == (0, 0)
+
+
+@pytest.mark.parametrize("kind", ["range-extremum", "laws with a reach", "cycle-aging"])
+def test_reversals_that_are_no_half_loops_are_none_in_the_step_function(kind, tmp_path):
+    # halfway up and down the drive wavers within 10 mV; the elements reach over 23 V
+    waver = 0.005 * np.sin(np.arange(400) / 9.0)
+    drive = np.concatenate([
+        part for a, b in pairwise([0.0, 72.0, 20.0, 60.0, 5.0, 72.0])
+        for part in (np.linspace(a, 0.5 * (a + b), 200), 0.5 * (a + b) + waver,
+                     np.linspace(0.5 * (a + b), b, 200))
+    ])  # fmt: skip
+    compiled = Compiled(KINDS[kind], tmp_path, RATE)
+    (moved,) = compiled.play(drive)
+    assert np.max(np.abs(moved - simulated(KINDS[kind], drive))) < 1e-3  # um
 
 
 def test_every_cause_has_a_c_form_or_a_reason_why_not():
