@@ -109,6 +109,17 @@ class Cause(Stage):
         return [trials] if trials else []
 
     @classmethod
+    def finer(cls, trials: Sequence[Stage]) -> list[list[Stage]]:
+        """Examples about the form that fitted best, of which a refit begins at the best.
+
+        None for most causes; where there are many local optima the next one is to be the right one.
+        """
+        name, factor = cls.scanned
+        if not all(name in t.parameters for t in trials):
+            return []
+        return [[t.with_values(**{name: t[name] * f}) for t in trials] for f in factor**FINER]
+
+    @classmethod
     def begun(cls, trials: Sequence[Stage], shares: FloatArray) -> Stage:
         """A stage from the shares (k,) in which the examples were found."""
         values = {}
@@ -168,6 +179,7 @@ def added_by(stage: Stage, time_s: FloatArray, drive_v: FloatArray) -> FloatArra
 
 REACHING: Mapping[str, str] = {"reach": "um", "closing": "1", "taper": "1"}
 GIVEN = ("closing", "taper")
+FINER = np.linspace(-6.0, 6.0, 13)  # steps over the parameter that a cause wants scanned
 SCANNED = ("reach", 2.0**0.125)
 APART, LONGEST = 1.5, 0.05  # of delays that are tried; the longest, of the time of a half loop
 

@@ -26,6 +26,7 @@ from piezo_rig.chain.stage import Signal, Stage
 LOWEST_HZ, HIGHEST_HZ = 110.0, 2500.0  # below lies the hum
 APART = 0.12  # neighbouring examples, relative
 DAMPING = 0.05
+FINER, DAMPINGS = 13, (0.01, 0.02, 0.05, 0.12)  # examples about the likeliest
 EXAMPLE = 0.01  # share
 
 
@@ -78,6 +79,19 @@ class Resonance(Cause):
         return [
             [cls.of(None, share=EXAMPLE, frequency=f, damping=DAMPING)]
             for f in np.geomspace(LOWEST_HZ, highest, count)
+        ]
+
+    @classmethod
+    def finer(cls, trials: Sequence[Stage]) -> list[list[Stage]]:
+        """Frequencies between those of the neighbours, each lightly and well damped.
+
+        After dozens of periods a mode that is a few percent off rings against the true one.
+        """
+        (example,) = trials
+        return [
+            [example.with_values(frequency=example["frequency"] * f, damping=damping)]
+            for f in np.geomspace(1.0 - 0.5 * APART, 1.0 + 0.5 * APART, FINER)
+            for damping in DAMPINGS
         ]
 
     @classmethod

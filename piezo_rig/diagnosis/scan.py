@@ -21,7 +21,6 @@ from piezo_rig.diagnosis.space import Space
 FloatArray = NDArray[np.float64]
 LEVEL = 0.005  # family-wise chance of a false alarm; at 0.01, 4 or 5 of 270 nulls raised one
 LATER = 0.002  # for each finding after the first: there are several looks
-FINER = np.linspace(-6.0, 6.0, 13)  # steps over the parameter that a cause wants scanned
 CLOSE, RUN_OFF = 0.4, 3  # share of the best score, and how many are refitted to compare
 ALIKE = 0.25  # the same of what looks alike but beside corners
 VISIBLE = 3.0  # d' that the largest plausible size must reach, or the cause is not looked for
@@ -249,8 +248,8 @@ def extended(
     """The point with a cause put in at the size that the linear fit gives it."""
     kind = CAUSES[candidate.id]
     assert issubclass(kind, Cause)
-    if all(kind.scanned[0] in t.parameters for t in trials):
-        columns, likelihood, trials = _finer(space, fitted, trials, *kind.scanned)
+    if forms := kind.finer(trials):
+        columns, likelihood, trials = _likeliest(space, fitted, forms)
     reduced = likelihood.reduced
     scales = likelihood.best_scales(columns)
     sigma = covariance_of(reduced, scales)
@@ -274,12 +273,11 @@ def extended(
     return Point(fitted.point.model.with_stage(stage), fitted.point.fixed, tuple(sizes))
 
 
-def _finer(
-    space: Space, fitted: Fitted, trials: Sequence[Stage], name: str, factor: float
+def _likeliest(
+    space: Space, fitted: Fitted, forms: Sequence[Sequence[Stage]]
 ) -> tuple[list[int], Likelihood, Sequence[Stage]]:
-    """The form with the likeliest reach (or what else is scanned): it has many local optima."""
-    model, n = fitted.point.model, len(trials)
-    forms = [[t.with_values(**{name: t[name] * f}) for t in trials] for f in factor**FINER]
+    """The form, of as many examples each, that says most in a linear look."""
+    model, n = fitted.point.model, len(forms[0])
     pairs = [(model, model.with_stage(t)) for form in forms for t in form]
     likelihood = Likelihood(reduce(space.linear(fitted.point, pairs)))
     sets = [list(range(k * n, (k + 1) * n)) for k in range(len(forms))]
