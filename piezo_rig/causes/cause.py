@@ -69,6 +69,7 @@ class Cause(Stage):
         first; it has many local optima, or the data say little of it
     lasting : a parameter in seconds that may be far longer than a small example: what it does
         beside corners has another form then, and it is begun at several values
+    rings : it goes on for many periods after whatever excites it
     kinked : a parameter in seconds whose effect has a kink at whole samples, where a descent hangs
     loosened : optional parameters that let go of its assumed law, and the size of an example: they
         are fitted where the effect is so large that what is left of it shows
@@ -88,6 +89,7 @@ class Cause(Stage):
     scanned: ClassVar[tuple[str, float]] = ("", 1.0)
     like_a_bend: ClassVar[bool] = False
     lasting: ClassVar[str] = ""
+    rings: ClassVar[bool] = False
     kinked: ClassVar[str] = ""
     loosened: ClassVar[Mapping[str, float]] = {}
     needs_speeds: ClassVar[bool] = False

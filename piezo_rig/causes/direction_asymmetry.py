@@ -44,13 +44,17 @@ class DirectionAsymmetry(Cause):
     neutral: ClassVar[Mapping[str, float]] = {"ratio": 1.0}
     optional: ClassVar[Mapping[str, str]] = REACHING
     given: ClassVar[tuple[str, ...]] = GIVEN
-    passes = True  # but for a share of (1 - r)/(1 + r)
     rate_free = True
     scanned: ClassVar[tuple[str, float]] = SCANNED
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {
         "ratio": (0.2, 5.0),
         "reach": (1e-6, np.inf),
     }
+
+    @property
+    def passes(self) -> bool:
+        """But for a share of (1 - r)/(1 + r)."""
+        return True
 
     @property
     def closes(self) -> bool:

@@ -41,7 +41,6 @@ class RateDependence(Cause):
     place = "actuator"
     law: ClassVar[tuple[tuple[str, ...], float]] = (("frequency",), 0.05)
     needs_speeds = True
-    passes = True  # the lag hardly depends on the displacement
     units: ClassVar[Mapping[str, str]] = {"lag_um": "um", "exponent": "1"}
     optional: ClassVar[Mapping[str, str]] = {"window_s": "s", "widens": "1"}
     given: ClassVar[tuple[str, ...]] = ("widens",)
@@ -51,6 +50,11 @@ class RateDependence(Cause):
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {
         "lag_um": (0.0, np.inf), "exponent": (0.1, 2.0), "window_s": (1e-5, 1.0),
     }
+
+    @property
+    def passes(self) -> bool:
+        """The lag hardly depends on the displacement."""
+        return True
 
     def seen_by_sliders(self, signal: Signal, branches: Branches) -> FloatArray:
         from piezo_rig.chain.backlash import behind

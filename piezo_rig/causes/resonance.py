@@ -28,6 +28,8 @@ APART = 0.12  # neighbouring examples, relative
 DAMPING = 0.05
 FINER, DAMPINGS = 13, (0.01, 0.02, 0.05, 0.12)  # examples about the likeliest
 EXAMPLE = 0.01  # share
+LITTLE = 0.2  # of the displacement: what the base model does may be taken to pass such a mode
+COARSE = 0.25  # of a period: samples that are further apart do not show what a mode makes of them
 
 
 class Resonance(Cause):
@@ -35,13 +37,18 @@ class Resonance(Cause):
 
     id = "resonance"
     place = "actuator"
-    passes = True  # far below the mode
     largest: ClassVar[float] = 100.0
+    rings: ClassVar[bool] = True
     units: ClassVar[Mapping[str, str]] = {"share": "1", "frequency": "Hz", "damping": "1"}
     sharp: ClassVar[Mapping[str, float]] = {"frequency": 20.0, "damping": 2.0}
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {
         "share": (0.0, 2.0), "frequency": (20.0, 20_000.0), "damping": (1e-3, 0.9),
     }
+
+    @property
+    def passes(self) -> bool:
+        """Far below the mode, if it carries a small share."""
+        return self["share"] < LITTLE
 
     def _mode(self, time_s: FloatArray, rows: FloatArray) -> FloatArray:
         from piezo_rig.chain.oscillation import rung
@@ -55,6 +62,12 @@ class Resonance(Cause):
     def act(self, signal: Signal) -> Signal:
         moved = self._mode(signal.time_s, signal.displacement_um[None, :])[0]
         return signal.with_displacement(moved)
+
+    def carry(self, signal: Signal, changes: FloatArray) -> FloatArray:
+        step_s = float(np.median(np.diff(signal.time_s)))
+        if self.passes or step_s * self["frequency"] > COARSE:
+            return changes
+        return self._mode(signal.time_s, changes)  # it is linear
 
     def increment(self, branches: Branches) -> Increment | str:
         omega = 2.0 * np.pi * self["frequency"]

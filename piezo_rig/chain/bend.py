@@ -30,9 +30,13 @@ class Bend(Stage):
     units: ClassVar[Mapping[str, str]] = {
         "from_v": "V", "over_v": "V", **dict.fromkeys(POWERS, "um"),
     }
-    passes = True
     rate_free = True
     linear: ClassVar[tuple[str, ...]] = tuple(POWERS)
+
+    @property
+    def passes(self) -> bool:
+        """Small changes of the displacement do not change what is added to it."""
+        return True
 
     @classmethod
     def none(cls, from_v: float, over_v: float) -> Stage:

@@ -91,7 +91,6 @@ class Stage:
     neutral : values at which it does nothing, where that is not 0
     has_elements : whether it carries an element table
     rate_free : whether what it does to the signal knows no clock
-    passes : small changes of the displacement before it show behind it as they are
     """
 
     id: ClassVar[str] = ""
@@ -103,7 +102,6 @@ class Stage:
     linear: ClassVar[tuple[str, ...]] = ()
     has_elements: ClassVar[bool] = False
     rate_free: ClassVar[bool] = False
-    passes: ClassVar[bool] = False
 
     parameters: dict[str, Parameter] = field(default_factory=dict)
     elements: Elements | None = None
@@ -149,6 +147,11 @@ class Stage:
         only shapes them.
         """
         return "its effect on a sample needs more than the samples before it"
+
+    @property
+    def passes(self) -> bool:
+        """Whether small changes of the displacement before it show behind it as they are."""
+        return False
 
     def carry(self, signal: Signal, changes: FloatArray) -> FloatArray:
         """What the stage makes of small changes (k, n) of the displacement of a signal."""

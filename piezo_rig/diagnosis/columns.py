@@ -31,7 +31,7 @@ LEAST_KEPT, MOST_KEPT = 2, 6  # sets of columns
 KEPT = 100_000  # thinned samples of all that are kept: a GB
 SAME_KNOTS = 1e-6  # V
 NEAR = 0.15  # columns of a model whose numbers are this near serve as well
-NEAR_IN_TIME = 0.01  # the same of delays: at 6 %, one of 80 us gained 60 by columns of 75 us
+NEAR_IN_TIME = 0.01  # of delays and modes: at 6 %, one of 80 us gained 60 by columns of 75 us
 THREADS = 2
 Made = TypeVar("Made")
 
@@ -294,7 +294,8 @@ def _numbers(stage: Stage) -> tuple[tuple[float, ...], tuple[float, ...], float]
     rest = tuple(
         stage[n] if n in stage.parameters else stage.neutral.get(n, 0.0) for n in stage.optional
     )
-    return own, rest, NEAR_IN_TIME if isinstance(stage, Cause) and stage.lasting else NEAR
+    in_time = isinstance(stage, Cause) and (stage.lasting or stage.rings)
+    return own, rest, NEAR_IN_TIME if in_time else NEAR
 
 
 def _near(

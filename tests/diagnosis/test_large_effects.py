@@ -6,7 +6,15 @@ what becomes of a loop that is closed exactly.
 
 from __future__ import annotations
 
+import sys
+from pathlib import Path
+
+import numpy as np
 import pytest
+import scipy.signal
+
+sys.path.insert(0, str(Path(__file__).parent))
+from small_bench import recordings
 
 from piezo_rig.diagnosis import diagnose
 from piezo_rig.studies.hidden import draw
@@ -26,3 +34,26 @@ def test_a_large_effect_is_named_alone_and_leaves_nothing(kind, seed, protocol):
         if name != "offset":
             low, high = found.findings[0].parameters[name].ci95
             assert low - 0.25 * (high - low) < true < high + 0.25 * (high - low)
+
+
+@pytest.mark.parametrize(
+    ("frequency", "damping", "share"), [(330.0, 0.02, 1.0), (220.0, 0.02, 0.6)]
+)
+def test_a_mode_that_carries_the_actuator_is_named_alone(frequency, damping, share):
+    # the equation of motion by scipy; at 20 Hz every ring reaches into the next half loop
+    omega = 2.0 * np.pi * frequency
+    mode = ([omega**2], [1.0, 2.0 * damping * omega, omega**2])
+
+    def riding(x, drive, t):
+        return x + share * (scipy.signal.lsim(mode, x - x[0], t)[1] + x[0] - x)
+
+    conditions = (("2 Hz", 0.0, 60.0, 2.0), ("8 Hz", 0.0, 60.0, 8.0), ("20 Hz", 0.0, 60.0, 20.0),
+                  ("8 Hz, small", 0.0, 30.0, 8.0))  # fmt: skip
+    found = diagnose(recordings(riding, seed=1, conditions=conditions))
+    assert [f.cause for f in found.findings] == ["resonance"]
+    assert not found.unexplained.detected
+    assert found.rungs[-1].rms_nm < 1.03 * 2.0  # of noise
+    said = found.findings[0].parameters
+    assert said["frequency"].value == pytest.approx(frequency, rel=1e-3)
+    assert said["damping"].value == pytest.approx(damping, rel=0.02)
+    assert said["share"].value == pytest.approx(share, rel=0.01)
