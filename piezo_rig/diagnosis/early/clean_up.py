@@ -121,7 +121,7 @@ def clean_up(
         for _ in range(JOINTLY):  # what the base model took of it is given back
             clean = hum.groups
             point = refitted(clean, point)
-            hum = removed(noisy, point.model, hum.frequency, hum.p_value)
+            hum = removed(noisy, point.model, hum.frequency, hum.p_value, hum.spread_hz)
         parameters = dict(hum.stage().parameters)
         found.append(Early(HUM, hum.p_value * count, parameters, hum.groups))
     return found, point
@@ -129,5 +129,8 @@ def clean_up(
 
 def hum_again(before: Groups, found: Early, model: Model) -> Early:
     """The hum fitted once more, to what a better model leaves of recordings that still have it."""
-    hum = removed(before, model, found.parameters["frequency"].value, found.p_value)
+    told = found.parameters["frequency"]
+    assert told.ci95 is not None
+    spread_hz = (told.ci95[1] - told.ci95[0]) / 3.92
+    hum = removed(before, model, told.value, found.p_value, spread_hz)
     return replace(found, parameters=dict(hum.stage().parameters), groups=hum.groups)
