@@ -18,7 +18,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from piezo_rig.causes.cause import Cause, Context
+from piezo_rig.causes.cause import NEAR_IN_TIME, Cause, Context
 from piezo_rig.chain.branches import Branches
 from piezo_rig.chain.increments import Increment, Operation
 from piezo_rig.chain.stage import Signal, Stage
@@ -31,6 +31,7 @@ class AmplifierLag(Cause):
     place = "drive"
     needs_speeds = True
     lasting: ClassVar[str] = "tau"
+    near: ClassVar[float] = NEAR_IN_TIME
     units: ClassVar[Mapping[str, str]] = {"tau": "s"}
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {"tau": (0.0, 10.0)}
 

@@ -50,6 +50,10 @@ class Context:
         """A typical slew rate while the drive moves."""
         return float(np.median(self.slews_v_per_s)) if self.slews_v_per_s.size else 1.0
 
+NEAR = 0.15
+NEAR_IN_TIME = 0.01  # of delays and modes: at 6 %, one of 80 us gained 60 by columns of 75 us
+NEAR_AT_A_LIMIT = 0.001  # of the drive: beyond it the drive is another one
+
 
 class Cause(Stage):
     """A stage that a diagnosis can look for.
@@ -69,7 +73,8 @@ class Cause(Stage):
         first; it has many local optima, or the data say little of it
     lasting : a parameter in seconds that may be far longer than a small example: what it does
         beside corners has another form then, and it is begun at several values
-    rings : it goes on for many periods after whatever excites it
+    whole : its examples are the effect itself, and not a small part of it
+    near : share by which its numbers may differ where columns that were made with others serve
     kinked : a parameter in seconds whose effect has a kink at whole samples, where a descent hangs
     loosened : optional parameters that let go of its assumed law, and the size of an example: they
         are fitted where the effect is so large that what is left of it shows
@@ -89,7 +94,8 @@ class Cause(Stage):
     scanned: ClassVar[tuple[str, float]] = ("", 1.0)
     like_a_bend: ClassVar[bool] = False
     lasting: ClassVar[str] = ""
-    rings: ClassVar[bool] = False
+    whole: ClassVar[bool] = False
+    near: ClassVar[float] = NEAR
     kinked: ClassVar[str] = ""
     loosened: ClassVar[Mapping[str, float]] = {}
     needs_speeds: ClassVar[bool] = False

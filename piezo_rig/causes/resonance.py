@@ -18,7 +18,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from piezo_rig.causes.cause import Cause, Context, FloatArray
+from piezo_rig.causes.cause import NEAR_IN_TIME, Cause, Context, FloatArray
 from piezo_rig.chain.branches import Branches
 from piezo_rig.chain.increments import Increment, Operation
 from piezo_rig.chain.stage import Signal, Stage
@@ -38,7 +38,7 @@ class Resonance(Cause):
     id = "resonance"
     place = "actuator"
     largest: ClassVar[float] = 100.0
-    rings: ClassVar[bool] = True
+    near: ClassVar[float] = NEAR_IN_TIME
     units: ClassVar[Mapping[str, str]] = {"share": "1", "frequency": "Hz", "damping": "1"}
     sharp: ClassVar[Mapping[str, float]] = {"frequency": 20.0, "damping": 2.0}
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {

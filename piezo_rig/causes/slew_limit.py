@@ -18,13 +18,14 @@ from typing import ClassVar
 
 import numpy as np
 
-from piezo_rig.causes.cause import Cause, Context, FloatArray
+from piezo_rig.causes.cause import NEAR_AT_A_LIMIT, Cause, Context, FloatArray
 from piezo_rig.chain.branches import Branches
 from piezo_rig.chain.increments import Increment, Operation
 from piezo_rig.chain.stage import Signal, Stage
 
 # of the fastest half loop; just below it, where only that one shows
 SHARES = (0.9995, 0.9985, 0.9965, 0.99, 0.97, 0.94, 0.9, 0.85, 0.78, 0.7, 0.6, 0.5, 0.4, 0.3)
+BETWEEN = np.geomspace(0.87, 1.15, 57)  # of the likeliest of those
 
 
 @cache
@@ -49,6 +50,8 @@ class SlewLimit(Cause):
 
     id = "slew-limit"
     place = "drive"
+    near: ClassVar[float] = NEAR_AT_A_LIMIT
+    whole: ClassVar[bool] = True
     units: ClassVar[Mapping[str, str]] = {"limit": "V/s"}
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {"limit": (1e-6, 1e12)}
     sharp: ClassVar[Mapping[str, float]] = {"limit": 50.0}
@@ -66,6 +69,12 @@ class SlewLimit(Cause):
             return []
         fastest = float(context.slews_v_per_s.max())
         return [[cls.of(None, limit=share * fastest)] for share in SHARES]
+
+    @classmethod
+    def finer(cls, trials: Sequence[Stage]) -> list[list[Stage]]:
+        """Limits between those of the neighbours: past the next half loop's speed it is another."""
+        (example,) = trials
+        return [[example.with_values(limit=example["limit"] * float(f))] for f in BETWEEN]
 
     @classmethod
     def begun(cls, trials: Sequence[Stage], shares: FloatArray) -> Stage:

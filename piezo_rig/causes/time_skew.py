@@ -19,7 +19,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from piezo_rig.causes.cause import Cause, Context
+from piezo_rig.causes.cause import NEAR_IN_TIME, Cause, Context
 from piezo_rig.chain.stage import Signal, Stage
 
 
@@ -31,6 +31,7 @@ class TimeSkew(Cause):
     needs_speeds = True
     lasting: ClassVar[str] = "delay"
     kinked: ClassVar[str] = "delay"
+    near: ClassVar[float] = NEAR_IN_TIME
     units: ClassVar[Mapping[str, str]] = {"delay": "s"}
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {"delay": (-1.0, 1.0)}
 

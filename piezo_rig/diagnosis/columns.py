@@ -16,7 +16,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from piezo_rig.causes.cause import Cause
+from piezo_rig.causes.cause import NEAR, Cause
 from piezo_rig.chain import Model, Signal, Stage
 from piezo_rig.diagnosis import basis, dictionary, held
 from piezo_rig.diagnosis.abreast import alone
@@ -30,8 +30,6 @@ FloatArray = NDArray[np.float64]
 LEAST_KEPT, MOST_KEPT = 2, 6  # sets of columns
 KEPT = 100_000  # thinned samples of all that are kept: a GB
 SAME_KNOTS = 1e-6  # V
-NEAR = 0.15  # columns of a model whose numbers are this near serve as well
-NEAR_IN_TIME = 0.01  # of delays and modes: at 6 %, one of 80 us gained 60 by columns of 75 us
 THREADS = 2
 Made = TypeVar("Made")
 
@@ -294,8 +292,7 @@ def _numbers(stage: Stage) -> tuple[tuple[float, ...], tuple[float, ...], float]
     rest = tuple(
         stage[n] if n in stage.parameters else stage.neutral.get(n, 0.0) for n in stage.optional
     )
-    in_time = isinstance(stage, Cause) and (stage.lasting or stage.rings)
-    return own, rest, NEAR_IN_TIME if in_time else NEAR
+    return own, rest, stage.near if isinstance(stage, Cause) else NEAR
 
 
 def _near(

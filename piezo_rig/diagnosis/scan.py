@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +23,7 @@ LEVEL = 0.005  # family-wise chance of a false alarm; at 0.01, 4 or 5 of 270 nul
 LATER = 0.002  # for each finding after the first: there are several looks
 CLOSE, RUN_OFF = 0.4, 3  # share of the best score, and how many are refitted to compare
 ALIKE = 0.25  # the same of what looks alike but beside corners
+PLAIN = 300.0  # log-likelihood above which a whole effect is looked for between its examples
 VISIBLE = 3.0  # d' that the largest plausible size must reach, or the cause is not looked for
 
 
@@ -248,8 +249,9 @@ def extended(
     """The point with a cause put in at the size that the linear fit gives it."""
     kind = CAUSES[candidate.id]
     assert issubclass(kind, Cause)
-    if forms := kind.finer(trials):
-        columns, likelihood, trials = _likeliest(space, fitted, forms)
+    forms = kind.finer(trials)
+    if forms and (not kind.whole or _gained(likelihood, columns) > PLAIN):
+        columns, likelihood, trials = _likeliest(space, fitted, forms, kind.whole)
     reduced = likelihood.reduced
     scales = likelihood.best_scales(columns)
     sigma = covariance_of(reduced, scales)
@@ -273,14 +275,27 @@ def extended(
     return Point(fitted.point.model.with_stage(stage), fitted.point.fixed, tuple(sizes))
 
 
+def _gained(likelihood: Likelihood, columns: Sequence[int]) -> float:
+    return likelihood.evidence(columns) - likelihood.evidence()
+
+
 def _likeliest(
-    space: Space, fitted: Fitted, forms: Sequence[Sequence[Stage]]
+    space: Space, fitted: Fitted, forms: Sequence[Sequence[Stage]], whole: bool
 ) -> tuple[list[int], Likelihood, Sequence[Stage]]:
-    """The form, of as many examples each, that says most in a linear look."""
+    """The form, of as many examples each, that says most in a linear look.
+
+    ``whole`` : each as it is, and not any share of it
+    """
     model, n = fitted.point.model, len(forms[0])
     pairs = [(model, model.with_stage(t)) for form in forms for t in form]
     likelihood = Likelihood(reduce(space.linear(fitted.point, pairs)))
     sets = [list(range(k * n, (k + 1) * n)) for k in range(len(forms))]
-    worth = [likelihood.evidence(columns) for columns in sets]
+    if whole:
+        reduced = likelihood.reduced
+        worth = [
+            Likelihood(replace(reduced, z=reduced.z - t)).evidence() for t in reduced.trials.T
+        ]
+    else:
+        worth = [likelihood.evidence(columns) for columns in sets]
     best = int(np.argmax(worth))
     return sets[best], likelihood, forms[best]

@@ -20,7 +20,7 @@ FloatArray = NDArray[np.float64]
 WORDS = ("drive", "displacement", "direction", "range", "time_since_turn", "cycle", "clock",
          "frequency")  # fmt: skip
 LINES = 0.2  # of the false alarms that a line may take
-OF_LAWS = 0.03  # of what accepted causes explain: no law of theirs is known better
+OF_LAWS = 0.03  # of what accepted causes explain, up to the noise: no law is known better
 SHARE = 0.2  # of the structured power that a tag must carry to be named
 
 
@@ -59,7 +59,7 @@ def unexplained(
     mismatch = 1e3 * float(np.sqrt(max(float(fine @ fine_gram @ fine), 0.0) / samples))
     allowance = float(np.linalg.norm([
         max(mismatch, 0.02 * noise_nm, _known_nm(space, noise_nm)),
-        3e-6 * 1e3 * space.groups.travel_um, OF_LAWS * explained_nm,
+        3e-6 * 1e3 * space.groups.travel_um, min(OF_LAWS * explained_nm, noise_nm),
     ]))  # fmt: skip
     detected = bool(p < LEVEL and rms > allowance)
     if not detected:
