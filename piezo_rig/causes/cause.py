@@ -21,6 +21,10 @@ from piezo_rig.chain.stage import Parameter, Signal, Stage
 
 FloatArray = NDArray[np.float64]
 
+NEAR = 0.15  # share by which numbers may differ where columns made with others serve
+NEAR_IN_TIME = 0.01  # of delays and modes: at 6 %, one of 80 us gained 60 by columns of 75 us
+NEAR_AT_A_LIMIT = 0.001  # of the drive: beyond it the drive is another one
+
 
 @dataclass(frozen=True, eq=False)
 class Context:
@@ -50,9 +54,6 @@ class Context:
         """A typical slew rate while the drive moves."""
         return float(np.median(self.slews_v_per_s)) if self.slews_v_per_s.size else 1.0
 
-NEAR = 0.15
-NEAR_IN_TIME = 0.01  # of delays and modes: at 6 %, one of 80 us gained 60 by columns of 75 us
-NEAR_AT_A_LIMIT = 0.001  # of the drive: beyond it the drive is another one
 
 
 class Cause(Stage):

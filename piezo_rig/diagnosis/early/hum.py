@@ -28,7 +28,8 @@ INDEPENDENT = 10.8  # of the 20 cells of a Hann-windowed background
 PADDED = 8
 LASTING = 0.1  # of a recording
 HANN = 1.5  # by which a Hann window widens the band
-NEAR_HZ, FINE, PARTS = 0.06, 60, 32  # about a frequency, steps to either side, parts of a recording
+NEAR_HZ, NEAR_CELLS = 0.06, 0.2  # about a frequency; of the resolution of the longest recording
+FINE, PARTS = 60, 32  # steps to either side, parts of a recording
 LONG_S = 0.3  # a recording must last this long
 
 
@@ -121,7 +122,9 @@ def refined(rows: list[Row], near_hz: float, highest_hz: float) -> tuple[float, 
     in which what is left turns little. Its periodogram, against the noise beside the line, is the
     log-likelihood of a line of any phase.
     """
-    off = np.linspace(-NEAR_HZ, NEAR_HZ, 2 * FINE + 1)
+    longest = max(float(row.time_s[-1] - row.time_s[0]) for row in rows)
+    near = max(NEAR_HZ, NEAR_CELLS / longest)
+    off = np.linspace(-near, near, 2 * FINE + 1)
     worth = np.zeros(off.size)
     for row in rows:
         cell = 1.0 / float(row.time_s[-1] - row.time_s[0])
@@ -141,7 +144,7 @@ def refined(rows: list[Row], near_hz: float, highest_hz: float) -> tuple[float, 
     curve = (worth[best - 1] - 2.0 * worth[best] + worth[best + 1]) / step**2
     slope = (worth[best + 1] - worth[best - 1]) / (2.0 * step)
     if curve >= 0.0:
-        return near_hz, NEAR_HZ
+        return near_hz, near
     return float(near_hz + off[best] - slope / curve), float(1.0 / np.sqrt(-curve))
 
 

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from piezo_rig.diagnosis.early.mended import DROP, Break, lead
-from piezo_rig.diagnosis.early.traces import sweep_bounds
+from piezo_rig.diagnosis.early.traces import EXACT, sweep_bounds
 from piezo_rig.diagnosis.groups import Group
 from piezo_rig.run_file.sweep import Sweep
 
@@ -28,6 +28,7 @@ LOUD = 25.0  # times the variance of the quietest part: more counts for no more
 WORTH = 0.1  # of what the best shift takes off: the earliest of so much comes first
 BESIDE = 0.005  # of a sweep: shifts from there on are of one loss
 DOUBT = 12.0  # variances by which another sample must be worse
+TINY = 1e-18  # um^2
 
 
 @dataclass(frozen=True)
@@ -86,10 +87,11 @@ def shifts(row: FloatArray, others: FloatArray) -> list[Shift]:
     n = row.size
     parts = np.array_split(row - others, CHUNKS)
     power = [float(p.var()) for p in parts]
-    quiet = min(power)
+    # holds of a coarse sensor, and copies, do not differ at all
+    quiet = max(min(power), (EXACT * float(np.ptp(others))) ** 2, TINY)
     if n < 4 * CHUNKS or max(power) < UNSTEADY * quiet:
         return []
-    row = row - float(np.median(parts[power.index(quiet)]))
+    row = row - float(np.median(parts[int(np.argmin(power))]))
     plain = np.minimum((row - others) ** 2, LOUD * quiet)
     out = []
     for count in range(1, min(MOST, n // 4) + 1):
@@ -99,7 +101,7 @@ def shifts(row: FloatArray, others: FloatArray) -> list[Shift]:
         taken = np.append(0.0, np.cumsum(plain[:m] - ahead))
         end = int(np.argmax(taken - np.minimum.accumulate(taken)))
         begin = int(np.argmin(taken[: end + 1]))
-        near = np.flatnonzero(taken[: end + 1] < taken[begin] + DOUBT * quiet)
+        near = np.flatnonzero(taken[: end + 1] <= taken[begin] + DOUBT * quiet)
         out.append(Shift(
             float(taken[end] - taken[begin]) / max(float(plain.sum()), 1e-300),
             begin, _first_of_run(near, begin), _last_of_run(near, begin), count,

@@ -197,3 +197,14 @@ def test_losses_are_found_where_the_drive_never_repeats_itself(kind, losses):
     gone = [sum(c for r, i, c in losses if r == row and i < at) for row, at, _ in losses]
     for (_, index, _), (_, at, _), before in zip(found, losses, gone, strict=True):
         assert abs(index + before - at) <= 15
+
+
+def test_recordings_that_hardly_differ_have_lost_nothing():
+    # a coarse sensor: two recordings are the same but for some last digits in the second half
+    first, second = walks(6, "white", [])
+    volts = np.round(first.sensor_v, 3)
+    other = volts.copy()
+    other[6000::7] += 1e-3
+    for changed in (volts, other):
+        sweeps = [first.with_(sensor_v=volts), second.with_(sensor_v=changed, zero_v=first.zero_v)]
+        assert searched(sweeps)[1] == ()
