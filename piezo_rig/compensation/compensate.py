@@ -7,15 +7,18 @@ what the model remembers; it never looks ahead, but by the delay of the record, 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from piezo_rig.chain import Model
 from piezo_rig.chain.half_loops import SMALL, dead_band, half_loops
+from piezo_rig.compensation.small_reversals import Waits, doubtful
 from piezo_rig.compensation.stages import Treatment, treat
-from piezo_rig.compensation.stepper import Bounds, OutOfReach, Stepper
+from piezo_rig.compensation.stepper import Bounds, OutOfReach, Stepper, fastest_v_per_s
 from piezo_rig.compensation.tables import ROUNDING_V
 from piezo_rig.config import Rig
 from piezo_rig.errors import InputError, LimitError
@@ -23,6 +26,7 @@ from piezo_rig.protocol.plan import REST_DRIVE_V
 
 FloatArray = NDArray[np.float64]
 FEWEST = 2
+ROUNDS = 4  # a drive that waits goes back a little less, or elsewhere
 AT_ZERO_UM = 1e-3
 
 
@@ -126,29 +130,55 @@ def compensate(
     if lead_s:
         wanted = np.interp(time + lead_s, time, wanted)
     first = _first_drive(kept, bounds)
+    slew = min(bounds.slew_v_per_s, fastest_v_per_s(kept))
+    bounds = replace(bounds, slew_v_per_s=slew)
 
-    def followed(dead_band_v: float) -> FloatArray:
+    def followed(dead_band_v: float, waits: Waits | None = None) -> FloatArray:
         stepper = Stepper(kept, True, dead_band_v)
         stepper.begin(time[0], first)
+        later = Waits(waits.low_v[1:], waits.high_v[1:]) if waits else None
         try:
-            return np.append(first, stepper.follow(time[1:], wanted[1:], bounds))
+            return np.append(first, stepper.follow(time[1:], wanted[1:], bounds, later))
         except OutOfReach as reach:
             raise _out_of_reach(reach, target, wanted, bounds) from None
 
     span_v = bounds.high_v - bounds.low_v
     least = SMALL * span_v if np.isfinite(span_v) else ROUNDING_V
-    drive, warnings = followed(least), []
+    used = least
+    drive = followed(used)
     band = dead_band(drive)
     own = SMALL * float(np.ptp(drive))
     if band <= least and own < least and _turns(drive, own) != _turns(drive, least):
-        drive = followed(own)  # what is a half loop is then one for `simulate` as well
+        used = own  # what is a half loop is then one for `simulate` as well
+        drive = followed(used)
         band = dead_band(drive)
     if band > least:
         drive = followed(band)
         warnings = [f"the drive is rough: reversals of it up to {band:.2g} V are taken for noise, "
                     "and are no half loops; a smoother target is followed better"]  # fmt: skip
+    else:
+        drive, warnings = _waiting(drive, wanted, partial(followed, used))
     predicted = model.simulate(time, drive, free_end=free_end)
     return Compensation(drive, predicted, lead_s, treatments, warnings)
+
+
+def _waiting(
+    drive: FloatArray, wanted_um: FloatArray, followed: Callable[[Waits], FloatArray]
+) -> tuple[FloatArray, list[str]]:
+    """A drive without reversals of which it is not known what they count for; what to say of it."""
+    waits = Waits.none(drive.size)
+    for _ in range(ROUNDS):
+        more = doubtful(drive, wanted_um)
+        if not more.count:
+            break
+        waits = waits.joined(more)
+        drive = followed(waits)
+    if not waits.count:
+        return drive, []
+    return drive, [
+        f"where the target does not turn back the drive would, by {waits.largest_v:.2g} V at most; "
+        "it waits instead, for whether so little ends a half loop is not known"
+    ]
 
 
 def _turns(drive_v: FloatArray, band_v: float) -> int:

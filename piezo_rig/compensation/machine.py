@@ -259,12 +259,13 @@ def play(t, s, time, drive, out, k):
 
 
 @numba.njit(cache=True)
-def follow(t, s, time, target, low, high, slew, drive, k, reach):
+def follow(t, s, time, target, low, high, slew, stay_low, stay_high, drive, k, reach):
     """Find the drive of a target from sample ``k`` on; returns where it stopped and why.
 
     Parameters
     ----------
     low, high, slew : the drive stays within V, and from sample to sample within V/s
+    stay_low, stay_high : shapes (n,), where it waits, V, though the target goes on
     drive : shape (n,), written to
     reach : shape (2,), written to where a target is out of reach: what is within it, um
     """
@@ -281,6 +282,7 @@ def follow(t, s, time, target, low, high, slew, drive, k, reach):
             reach[0] = attempt(t, s, least)
             reach[1] = attempt(t, s, most)
             return k, OUT_OF_REACH
+        found = min(max(found, min(stay_low[k], most)), max(stay_high[k], least))
         attempt(t, s, found)
         if s.counts[TRY_BAD]:
             return k, BAD_SLOPE

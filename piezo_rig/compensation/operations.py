@@ -95,7 +95,8 @@ def step(kind, n, cap, cache, old, new, x, drive):
     if kind == BEND:
         return x + _bend(n, drive)
     if kind == SLEW:
-        new[0] = old[0] + min(max(x - old[0], -cache[0]), cache[0])
+        new[0] = _limited(old[0], old[1], x, cache[0])
+        new[1] = x
         return new[0]
     if kind == LAG:
         return _follow(cache, old, new, x)
@@ -120,6 +121,19 @@ def widened(n, cap, cache, old, new, drive):
     width = _drag(n, cap, rate)
     new[2] = min(max(old[2], drive - width), drive + width)
     return new[2]
+
+
+@numba.njit(cache=True)
+def _limited(out, before, x, most):
+    """As far as it gets in a step towards a drive that goes straight, and may be met on the way."""
+    gap, moved = before - out, x - before
+    way = 1.0 if gap > 0.0 or (gap == 0.0 and moved > 0.0) else -1.0
+    gap, moved = gap * way, moved * way
+    if most - moved < gap:
+        return out + way * most
+    if moved >= -most:
+        return x
+    return out + way * most * (2.0 * gap / (most - moved) - 1.0)
 
 
 @numba.njit(cache=True)

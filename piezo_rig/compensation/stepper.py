@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from piezo_rig.chain import Model
+from piezo_rig.compensation.small_reversals import Waits
 from piezo_rig.compensation.tables import ROUNDING_V, tables_of
 from piezo_rig.errors import InputError
 
@@ -49,6 +50,14 @@ class OutOfReach(Exception):
     drive_v: float
 
 
+def fastest_v_per_s(model: Model) -> float:
+    """What a model's amplifier can follow of a drive; infinite without a slew limit."""
+    limit, gain = model.stage("slew-limit"), model.stage("drive-gain")
+    if limit is None:
+        return np.inf
+    return float(limit["limit"] / (gain["ratio"] if gain else 1.0))
+
+
 class Stepper:
     """One model and what it remembers.
 
@@ -73,6 +82,7 @@ class Stepper:
         self._machine = machine
         self.tables = tables_of(model, steady, dead_band_v)
         self.state = machine.new_state(self.tables)
+        self._fastest_v_per_s = fastest_v_per_s(model)
         self._time_s = np.nan
 
     def begin(self, time_s: float, drive_v: float) -> None:
@@ -95,8 +105,15 @@ class Stepper:
         self._time_s = float(time[-1])
         return out[1:]
 
-    def follow(self, time_s: FloatArray, target_um: FloatArray, bounds: Bounds) -> FloatArray:
+    def follow(
+        self, time_s: FloatArray, target_um: FloatArray, bounds: Bounds,
+        waits: Waits | None = None,
+    ) -> FloatArray:  # fmt: skip
         """The drive (n,), V, whose displacement is the target's, sample after sample.
+
+        It is never faster than the model's amplifier: ahead of that, it could not come back.
+
+        ``waits`` : where it stays, of samples (n,), though the target goes on
 
         Raises
         ------
@@ -104,12 +121,15 @@ class Stepper:
         InputError : as in `play`
         """
         time, target, drive = self._joined(time_s, target_um)
+        waits = waits or Waits.none(target.size - 1)
+        low, high = (np.concatenate([[0.0], v]) for v in (waits.low_v, waits.high_v))
+        slew = min(bounds.slew_v_per_s, self._fastest_v_per_s)
         reach = np.empty(2)
         k = 1
         while k < target.size:
             k, why = self._machine.follow(
                 self.tables, self.state, time, target, bounds.low_v, bounds.high_v,
-                bounds.slew_v_per_s, drive, k, reach,
+                slew, low, high, drive, k, reach,
             )  # fmt: skip
             if why == self._machine.OUT_OF_REACH:
                 before = float(self.state.scalars[self._machine.DRIVE])

@@ -77,19 +77,26 @@ def _drive_clipping(stage: Stage, at: Place) -> Part:
 
 
 def _slew_limit(stage: Stage, at: Place) -> Part:
-    most, out = number(stage["limit"] * at.period_s), at.own("out")
+    most, out, before = number(stage["limit"] * at.period_s), at.own("out"), at.own("before")
     return Part(
-        members=f"double {out};",
+        members=f"double {out}, {before};",
         step=f"""\
 if (!s->begun)
-    s->{out} = v;
-if (v - s->{out} > {most})
-    s->{out} += {most};
-else if (v - s->{out} < -{most})
-    s->{out} -= {most};
-else
-    s->{out} = v;
-v = s->{out};""",
+    s->{out} = s->{before} = v;
+{{
+    /* the drive goes straight in between, and may be met on the way */
+    double gap = s->{before} - s->{out}, moved = v - s->{before};
+    double way = gap > 0.0 || (gap == 0.0 && moved > 0.0) ? 1.0 : -1.0;
+    double closing = {most} - way * moved;
+    s->{before} = v;
+    if (closing < way * gap)
+        s->{out} += way * {most};
+    else if (way * moved >= -{most})
+        s->{out} = v;
+    else
+        s->{out} += way * {most} * (2.0 * way * gap / closing - 1.0);
+    v = s->{out};
+}}""",
     )
 
 

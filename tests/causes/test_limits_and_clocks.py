@@ -30,6 +30,21 @@ def test_a_slow_amplifier_meets_its_command_on_the_way_back():
     assert np.max(np.abs(np.diff(driven))) <= 40.0 * 1e-3 + 1e-12
 
 
+def test_a_slow_amplifier_meets_its_command_between_two_samples():
+    time = 0.1 * np.arange(11)
+    drive = 60.0 * (1.0 - np.abs(1.0 - 2.0 * time))
+    stage = CAUSES["slew-limit"].of(None, limit=40.0)
+    driven = stage.act(Signal(time, drive, drive)).drive_v
+    # they meet at 0.75 s and 30 V; from there it falls at 40 V/s
+    expected = np.where(time < 0.75, 40.0 * time, 30.0 - 40.0 * (time - 0.75))
+    assert driven == pytest.approx(expected, abs=1e-12)
+    # where the drive can be followed once it is met, it is
+    slow = np.where(time < 0.5, drive, 60.0 - 20.0 * (time - 0.5))
+    driven = stage.act(Signal(time, slow, slow)).drive_v
+    met = (60.0 + 20.0 * 0.5) / 60.0  # 40 t = 60 - 20 (t - 0.5)
+    assert driven == pytest.approx(np.where(time < met, 40.0 * time, slow), abs=1e-12)
+
+
 def test_behind_a_clipped_drive_the_hysteresis_starts_back_from_the_limit():
     model = Model((MAXWELL,))
     drive = model.with_stage(CAUSES["drive-clipping"].of(None, lower=-1000.0, upper=45.0))

@@ -236,3 +236,35 @@ def test_a_small_reversal_is_a_half_loop_for_the_inverse_where_it_is_one_for_the
     assert done.warnings == []
     assert np.abs(done.predicted_um - target.displacement_um).max() < 3e-4
     assert done.drive_v == pytest.approx(drive, abs=5e-3)
+
+
+def slow_after_a_quick_rise():
+    """Up by 2 um at 25 um/s, then on along a sine of 0.5 Hz that begins standing."""
+    t = np.arange(10_000) / 5000.0
+    slow = 4.0 - 2.0 * np.cos(np.pi * t)
+    um = np.concatenate([np.linspace(0.0, 2.0, 400, endpoint=False), slow])
+    return Target(np.arange(um.size) / 5000.0, um)
+
+
+@pytest.mark.parametrize(("rate", "largest_v"), [(0.013, 0.018), (0.016, 0.026)])
+def test_a_drive_waits_where_it_would_go_back_by_what_may_or_may_not_count(rate, largest_v):
+    # creep is taken back after the rise; 0.05 % of 31.5 V are 0.016 V
+    model = model_with("range-dependence", "creep", creep={"rate_per_decade": rate})
+    target = slow_after_a_quick_rise()
+    done = compensate(model, target, RIG)
+    backwards = np.maximum.accumulate(done.drive_v[:5000]) - done.drive_v[:5000]
+    assert backwards.max() == pytest.approx(0.9 * 0.0005 * np.ptp(done.drive_v), rel=0.02)
+    assert f"by {largest_v:.2g} V at most; it waits" in done.warnings[0]
+    # 0.19 um/V: not further off than what it does not go back
+    off = np.abs(done.predicted_um - target.displacement_um).max()
+    assert off < 0.19 * (largest_v - backwards.max()) + 2e-4
+
+
+def test_a_drive_goes_back_where_that_counts_for_certain():
+    model = model_with("range-dependence", "creep", creep={"rate_per_decade": 0.03})
+    target = slow_after_a_quick_rise()
+    done = compensate(model, target, RIG)
+    backwards = np.maximum.accumulate(done.drive_v[:5000]) - done.drive_v[:5000]
+    assert backwards.max() > 2.0 * 0.0005 * np.ptp(done.drive_v)
+    assert done.warnings == []
+    assert np.abs(done.predicted_um - target.displacement_um).max() < 1e-5
