@@ -1,4 +1,4 @@
-"""Reversals of a drive that its target does not make, and of which nobody knows what they count for.
+"""Reversals of a drive that its target does not make, and of which nobody knows what they count.
 
 Creep that goes on after a stop is taken back by some hundredths of a volt while the target stands
 or moves on slowly. Whether so small a reversal ends a half loop, and the laws of the first spring
