@@ -38,6 +38,7 @@ class Context:
     step_s, duration_s : sampling step; longest recording
     seen_hz : samples per second at which effects are looked for
     offset_v : drive at no command, if it has any
+    session_s : from the beginning of the first recording to the end of the last
     """
 
     model: Model
@@ -48,6 +49,7 @@ class Context:
     duration_s: float
     seen_hz: float
     offset_v: float = 0.0
+    session_s: float = 0.0
 
     @property
     def slew_v_per_s(self) -> float:

@@ -2,10 +2,11 @@
 
 Physics: frame, mount and dead path of the interferometer warm up; 100 mm of air alone changes by
 95 nm/K. Over one recording that is a straight line in clock time. Every recording has its own
-free offset, so only the slope within recordings counts.
+free offset, so only the slope within recordings counts. A frame that has been switched on or
+touched settles: the slope dies away over the session, by an exponential in its clock.
 
-Shows as: a slope that is the same at rest, in holds and while driving. Where the drive only ever
-grows, creep looks much the same.
+Shows as: a slope that is the same at rest, in holds and while driving, and in the next recording,
+or less the later a recording was made. Where the drive only ever grows, creep looks much the same.
 
 Plausible: 10-200 nm/min.
 """
@@ -15,22 +16,43 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import ClassVar
 
+import numpy as np
+
 from piezo_rig.causes.cause import Cause, Context
 from piezo_rig.chain.stage import Signal, Stage
 
 
+SETTLING = (2.0, 8.0)  # times that the slope falls to a third within a session
+SESSION = 2.0  # recordings that are a session: within one, what settles is creep as well
+
+
 class ThermalDrift(Cause):
-    """``rate`` of the zero, nm/s."""
+    """``rate`` of the zero, nm/s; with ``settling`` (1/s) that at the beginning of the session.
+
+    The signal's time is that of the session.
+    """
 
     id = "thermal-drift"
     place = "sensor"
     locked_to = "clock"
     units: ClassVar[Mapping[str, str]] = {"rate": "nm/s"}
+    optional: ClassVar[Mapping[str, str]] = {"settling": "1/s"}
+    scanned: ClassVar[tuple[str, float]] = ("settling", 1.5)
+    limits: ClassVar[Mapping[str, tuple[float, float]]] = {"settling": (1e-7, 1e3)}
 
     def act(self, signal: Signal) -> Signal:
-        moved = 1e-3 * self["rate"] * (signal.time_s - signal.time_s[0])
-        return signal.with_displacement(signal.displacement_um + moved)
+        time, settling = signal.time_s, self["settling"] if "settling" in self.parameters else 0.0
+        begun = time[0]
+        if settling:
+            moved = np.exp(-settling * begun) * -np.expm1(-settling * (time - begun)) / settling
+        else:
+            moved = time - begun
+        return signal.with_displacement(signal.displacement_um + 1e-3 * self["rate"] * moved)
 
     @classmethod
-    def trials(cls, context: Context) -> list[Stage]:
-        return [cls.of(None, rate=1e3 * 1e-4 * context.travel_um / max(context.duration_s, 1e-9))]
+    def variants(cls, context: Context) -> list[list[Stage]]:
+        rate = 1e3 * 1e-4 * context.travel_um / max(context.duration_s, 1e-9)
+        out: list[list[Stage]] = [[cls.of(None, rate=rate)]]
+        if context.session_s > SESSION * context.duration_s:
+            out += [[cls.of(None, rate=rate, settling=n / context.session_s)] for n in SETTLING]
+        return out

@@ -136,6 +136,9 @@ def _at_their_reaches(out: Climbed, tell: Callable[[str], None]) -> Climbed:
     )
     last = out.ladder.last
     settle(out.space, last.point)
+    if out.floor_nm is not None:
+        once = [g.at_one_time(last.point.model) for g in out.space.groups.groups]
+        out.floor_nm = noise_floor_nm(out.space.groups.with_(once))
     known = replace(last, covariance=over_scales(last) + _between_samples(last, out.space))
     if out.ladder.steps:
         *before, step = out.ladder.steps

@@ -43,6 +43,7 @@ class Group:
     time_s, drive_v : shape (n,)
     measured_um : shape (R, n), one row per recording
     starts_s : shape (R,), when each began
+    begun_s : when the first recording of the session began
     history : as `Model.simulate` takes it
     blocks : (first, one past last) sample of stretches with one free offset and a known memory
     loops : its half loops
@@ -64,6 +65,7 @@ class Group:
     sweeps: tuple[tuple[int, ...], ...]
     earlier: tuple[tuple[float, tuple[FloatArray, ...]], ...] = ()
     fine: Ranges = ()
+    begun_s: float = 0.0
     memo: Memo = field(default_factory=Memo, init=False, repr=False)
     memos: dict[int, Memo] = field(default_factory=dict, init=False, repr=False)
 
@@ -93,9 +95,26 @@ class Group:
                 )
         else:
             moved = model.simulate(self.time_s, self.drive_v, self.history, memo=self.memo)
+        if any(s.locked_to == "clock" for s in model.stages):
+            own = [self.clocked(model, row) for row in range(self.repeats)]
+            moved = moved + np.mean(own, axis=0)
+        return moved
+
+    def clocked(self, model: Model, row: int) -> FloatArray:
+        """What clock-locked stages add to one recording, shape (n,)."""
+        moved = np.zeros(self.drive_v.size)
+        time = self.time_s + (self.starts_s[row] - self.begun_s)
         for stage in model.stages:
             if stage.locked_to == "clock":
-                moved = moved + added_by(stage, self.time_s, self.drive_v)
+                moved += added_by(stage, time, self.drive_v)
+        return moved
+
+    def predicted_of(self, model: Model, rows: Sequence[int]) -> FloatArray:
+        """`predicted` of some of the recordings."""
+        moved = self.predicted(model)
+        if any(s.locked_to == "clock" for s in model.stages):
+            own = np.array([self.clocked(model, row) for row in range(self.repeats)])
+            moved = moved + own[list(rows)].mean(axis=0) - own.mean(axis=0)
         return moved
 
     def remembered(self, model: Model) -> FloatArray:
@@ -115,6 +134,15 @@ class Group:
             measured_um=self.measured_um[:, :end], loops=loops.first(count),
             blocks=tuple((a, min(b, end)) for a, b in self.blocks if min(b, end) - a >= 8),
         )  # fmt: skip
+
+    def at_one_time(self, model: Model) -> Group:
+        """As if clock-locked stages had done to every recording what they did on average."""
+        every = range(self.repeats)
+        mean = self.predicted(model)
+        return self.with_measured(np.array([
+            row + mean - self.predicted_of(model, [r])
+            for r, row in zip(every, self.measured_um, strict=True)
+        ]))  # fmt: skip
 
     def with_measured(self, measured_um: FloatArray) -> Group:
         return replace(self, measured_um=measured_um)
@@ -155,6 +183,12 @@ class Groups:
     @property
     def span_v(self) -> float:
         return max(float(np.ptp(g.drive_v)) for g in self.groups)
+
+    @property
+    def session_s(self) -> float:
+        """From the beginning of the first recording to the end of the last."""
+        begun = min(float(g.starts_s.min()) for g in self.groups)
+        return max(float(g.starts_s.max() + g.time_s[-1]) for g in self.groups) - begun
 
     @property
     def has_first_rise(self) -> bool:
@@ -249,8 +283,9 @@ def group_tracks(data: Data, sweeps: Sequence[Sweep]) -> Groups:
         else:
             found.append([track])
     earlier = _earlier(data, sweeps)
+    begun = min(s.start_time for s in sweeps)
     groups = tuple(
-        replace(_group(members, sweeps, data),
+        replace(_group(members, sweeps, data), begun_s=begun,
                 earlier=_shares([earlier[t.sweeps] for t in members]) if earlier else ())
         for members in found
     )  # fmt: skip

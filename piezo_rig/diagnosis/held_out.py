@@ -117,13 +117,15 @@ def held_out_errors(
         for g in sorted({pieces[i].group for i in held}):
             group = (measured or groups).groups[g]
             try:
-                predicted = group.predicted(model)
+                group.predicted(model)
+                played = model
             except InputError:
-                predicted = group.predicted(point.model)
+                played = point.model
             begin = 0
             if kind == "cycles":
                 begin = min(pieces[i].first for i in held)
             for r, row in enumerate(group.measured_um):
+                predicted = group.predicted_of(played, [r])
                 for a, b in group.blocks:
                     if b - max(a, begin) < 8:
                         continue
@@ -165,17 +167,13 @@ def _left_out(space: Space, fitted: Fitted, measured: Groups) -> Errors:
         values[:n] += element_step(point, linear, None, change)
         models.append(point.moved(values).model)
     for g, group in enumerate(measured.groups):
-        known: dict[int, FloatArray] = {}
-        for k in range(most):
-            r = k % group.repeats
-            if k != r:
-                continue
+        for r in range(group.repeats):
             try:
-                known[r] = group.predicted(models[k])
+                predicted = group.predicted_of(models[r], [r])
             except InputError:
-                known[r] = group.predicted(point.model)
+                predicted = group.predicted_of(point.model, [r])
             for a, b in group.blocks:
-                error = group.measured_um[r, a:b] - known[r][a:b]
+                error = group.measured_um[r, a:b] - predicted[a:b]
                 error = error - error.mean()
                 squares.append(float(error @ error))
                 counts.append(error.size)

@@ -105,6 +105,7 @@ def context_of(space: Space, model: Model) -> Context:
         longest,
         space.groups.finest_rate,
         space.groups.offset_v,
+        space.groups.session_s,
     )
 
 

@@ -127,10 +127,11 @@ class Space(Columns):
         residual, raw, at = linear.residual.copy(), linear.raw.copy(), 0
         p = linear.layout.base
         for index, group in enumerate(self.groups.groups):
-            rows = group.measured_um
-            if leave is not None and rows.shape[0] > 1:
-                rows = np.delete(rows, leave % rows.shape[0], axis=0)
-            left = rows.mean(axis=0) - group.predicted(point.model)
+            rows = list(range(group.repeats))
+            if leave is not None and group.repeats > 1:
+                rows.pop(leave % group.repeats)
+            predicted = group.predicted_of(point.model, rows)
+            left = group.measured_um[rows].mean(axis=0) - predicted
             left = self.groups.thinned(group, left)
             for piece in self.pieces:
                 if piece.group != index:

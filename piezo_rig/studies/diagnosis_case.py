@@ -152,6 +152,8 @@ def _on_unseen(case: Case, models: Sequence[Model], baseline: str | Model) -> Ro
 
 def _rms_nm(sweeps: Iterable[Sweep], model: Model) -> float:
     """Error of a model on recordings, with a free offset for each."""
+    sweeps = list(sweeps)
+    begun = min(s.start_time for s in sweeps)
     square, count = 0.0, 0
     earlier: list[FloatArray] = []
     for s in sweeps:
@@ -162,7 +164,7 @@ def _rms_nm(sweeps: Iterable[Sweep], model: Model) -> float:
             predicted = model.simulate(s.time_s, s.drive_v, s.history)
         for stage in model.stages:
             if stage.locked_to == "clock" and stage.id not in CLOCK_FIRST:
-                predicted = predicted + added_by(stage, s.time_s, s.drive_v)
+                predicted = predicted + added_by(stage, s.time_s + s.start_time - begun, s.drive_v)
         error = s.displacement_um - predicted
         square += float(np.sum((error - error.mean()) ** 2))
         count += error.size

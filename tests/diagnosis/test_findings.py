@@ -92,6 +92,18 @@ def test_drift_is_found_with_its_rate():
     assert holds(found.findings[0].parameters["rate"], 20.0)
 
 
+def test_a_drift_that_settles_is_found_with_its_rate_at_the_beginning_of_the_session():
+    def warming(x, t, rng):  # the session begins at 10 s and lasts four time constants
+        return x + 30e-3 * 60.0 * (1.0 - np.exp(-(t - 10.0) / 60.0))
+
+    found = diagnose(recordings(sensor=warming))
+    assert names(found) == ["thermal-drift"]
+    assert holds(found.findings[0].parameters["rate"], 30.0)
+    assert holds(found.findings[0].parameters["settling"], 1.0 / 60.0)
+    assert found.noise_floor_nm == pytest.approx(2.0, rel=0.05)
+    assert found.rungs[-1].rms_nm < 2.2
+
+
 def test_a_ripple_over_displacement_is_the_interferometers():
     def sensor(x, t, rng):
         return x + 4e-3 * np.sin(2 * np.pi * x / 0.3164 + 0.4)

@@ -116,7 +116,33 @@ def find_breaks(
         breaks = _split(groups, predicted, found, breaks, sweeps, several)
     for g in sorted({s.group for s in found}):
         breaks = _plain(groups, predicted, found, breaks, sweeps, g, level)
+        breaks = _mending(groups, predicted, breaks, g)
     return Breaks(tuple(breaks))
+
+
+def _mending(
+    groups: Groups, predicted: list[FloatArray], breaks: list[Break], g: int
+) -> list[Break]:
+    """Breaks without losses of a drive after whose repair its recordings differ by more.
+
+    A step of a few nm, up and down again at random, looks like a loss for as long as the velocity
+    stays what it is; what follows then no longer fits.
+    """
+    if groups.groups[g].repeats < 2:
+        return breaks
+
+    def left(tried: Sequence[Break]) -> float:
+        return differing(mended(groups, predicted, list(tried)).groups[g])
+
+    here = left(breaks)
+    while losses := [b for b in breaks if b.group == g and b.cause == DROP]:
+        less = [[b for b in breaks if b is not loss] for loss in losses]
+        worth = [left(tried) for tried in less]
+        k = int(np.argmin(worth))
+        if worth[k] >= here:
+            break
+        breaks, here = less[k], worth[k]
+    return breaks
 
 
 def _plain(

@@ -176,3 +176,24 @@ def relayed(drive, low, high):
             state = 0.0
         out[i] = state
     return out
+
+
+@numba.njit(cache=True)
+def slowed(time, drive, limit, fine):
+    """A drive (n,) that another one pulls along at no more than ``limit`` per second.
+
+    In ``fine`` small steps a sample, the drive straight between samples.
+    """
+    out = np.empty(drive.size)
+    here = drive[0]
+    out[0] = here
+    for i in range(1, drive.size):
+        most = (time[i] - time[i - 1]) / fine * limit
+        for k in range(1, fine + 1):
+            goal = drive[i - 1] + (drive[i] - drive[i - 1]) * k / fine
+            if goal > here:
+                here = min(goal, here + most)
+            else:
+                here = max(goal, here - most)
+        out[i] = here
+    return out

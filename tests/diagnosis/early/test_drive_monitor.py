@@ -46,11 +46,13 @@ def held_and_lagging(drive, tau=TAU):
     return np.array(out)
 
 
-def limited(drive):
-    """No faster than the amplifier's current allows."""
-    out = [drive[0]]
-    for v in drive[1:]:
-        out.append(out[-1] + min(max(v - out[-1], -LIMIT / RATE), LIMIT / RATE))
+def limited(drive, fine=50):
+    """No faster than the amplifier's current allows, in small steps, straight between samples."""
+    y, out, most = drive[0], [drive[0]], LIMIT / RATE / fine
+    for a, b in pairwise(drive):
+        for k in range(1, fine + 1):
+            y += min(max(a + (b - a) * k / fine - y, -most), most)
+        out.append(y)
     return np.array(out)
 
 
