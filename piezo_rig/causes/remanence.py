@@ -31,6 +31,9 @@ from piezo_rig.chain.stage import Stage
 RECORDINGS = 3  # looked back
 PIECES = 400  # teeth of the saw that stands for what is left; more cost time
 GRADED = 1.2
+# more of it lasts up to a larger drive: a small share, enlarged, is no example of it
+NEAR_IN_MEMORY = 0.01  # a kink wherever an element gives way: columns are those of one fraction
+FRACTIONS = (0.02, 0.08, 0.2, 0.4)
 
 
 class Remanence(Cause):
@@ -41,6 +44,9 @@ class Remanence(Cause):
     needs_known_order = True
     units: ClassVar[Mapping[str, str]] = {"fraction": "1"}
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {"fraction": (0.0, 0.99)}
+    near: ClassVar[float] = NEAR_IN_MEMORY
+    scanned: ClassVar[tuple[str, float]] = ("fraction", 1.15)
+    sharp: ClassVar[Mapping[str, float]] = {"fraction": 20.0}
 
     def preface(self, before: Sequence[FloatArray]) -> FloatArray:
         before = [b for b in before if b.size > 1][-RECORDINGS:]
@@ -56,8 +62,8 @@ class Remanence(Cause):
         return before[-1][0] + turns_to(r, state)
 
     @classmethod
-    def trials(cls, context: Context) -> list[Stage]:
-        return [cls.of(None, fraction=0.02)]
+    def variants(cls, context: Context) -> list[list[Stage]]:
+        return [[cls.of(None, fraction=fraction)] for fraction in FRACTIONS]
 
 
 def turns_to(r: FloatArray, state: FloatArray) -> FloatArray:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from piezo_rig.chain import Model, Signal
 from piezo_rig.chain.model import LONG_AGO_S, _preceded
 from piezo_rig.diagnosis.groups import Group
+from piezo_rig.diagnosis.left_before import played_before
 
 FloatArray = NDArray[np.float64]
 
@@ -21,16 +22,26 @@ FloatArray = NDArray[np.float64]
 def bands(model: Model, group: Group) -> FloatArray:
     """Displacement per unit of compliance of every band of every table, in V, shape (p, n).
 
-    In the order of the tables among the model's stages.
+    In the order of the tables among the model's stages. Recordings that were played after
+    different ones are averaged, as in `Group.predicted`.
     """
+    if not group.virgin:
+        preceded = np.ascontiguousarray(_preceded(group.drive_v))
+        return _bands(model, group, preceded[: preceded.size - group.drive_v.size])
+    return np.asarray(sum(
+        share * _bands(model, group, volts) for share, volts in played_before(model, group)
+    ))  # fmt: skip
+
+
+def _bands(model: Model, group: Group, played: FloatArray) -> FloatArray:
+    """`bands` after a drive that was played long ago."""
     from piezo_rig.chain import kernels
 
     branches = replace(model.branches(), laws=(), reaching=())
-    drive = np.ascontiguousarray(group.drive_v)
-    time, before = group.time_s, 0
-    if not group.virgin:
-        drive = np.ascontiguousarray(_preceded(drive))
-        before = drive.size - time.size
+    before = played.size
+    drive = np.ascontiguousarray(np.concatenate([played, group.drive_v]))
+    time = group.time_s
+    if before:
         time = np.concatenate([time[0] - LONG_AGO_S * np.arange(before, 0, -1), time])
     signal = Signal(time, drive, np.zeros(0))
     for stage in model.stages:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from piezo_rig.causes.cause import Cause
 from piezo_rig.diagnosis import engine
+from piezo_rig.diagnosis.alike import differ, of_one_history, plainly_remembering
 from piezo_rig.diagnosis.climb import climb
 from piezo_rig.diagnosis.early import Reading, noise_floor_nm
 from piezo_rig.diagnosis.fit import Point
@@ -23,6 +24,7 @@ from piezo_rig.diagnosis.held_out import (
     reported_kind,
 )
 from piezo_rig.diagnosis.ladder import Ladder, Step
+from piezo_rig.diagnosis.left_before import left_before
 from piezo_rig.diagnosis.monitored import corrected, freed, taken_in
 from piezo_rig.diagnosis.over_scales import over_scales
 from piezo_rig.diagnosis.reaches import Intervals, at_their_reaches
@@ -31,6 +33,7 @@ from piezo_rig.diagnosis.space import Space
 
 FloatArray = NDArray[np.float64]
 WORSE, STRICT, AWAY = 1.03, 1.01, 3.0  # by which an extension may raise held-out errors
+ROUNDS, SETTLED = 3, 0.02  # of what is left in memory; the share by which it has changed
 CLOSE = 1.3  # times the noise floor: nearly nothing is left, and a true cause does no harm
 
 
@@ -76,11 +79,37 @@ def climbed(
 ) -> Climbed:
     """The ladder of recordings that are clean of events and hum.
 
+    Recordings of one drive that were played after different ones are no repeats where memory is
+    left. What is left is fitted, and they are compared as if played after the same ones.
+
     Parameters
     ----------
     others : causes that were tried elsewhere (on the raw recordings), for the correction
     reading : of the drive monitor
     """
+    known, left = plainly_remembering(clean, start.model), tuple[float, ...]()
+    same = clean if known is None else of_one_history(clean, known)
+    for _ in range(ROUNDS):
+        out = _climbed(same, start, rng, tell, others, reading)
+        last = out.ladder.last.point.model
+        before, left = left, left_before(last)
+        if known is not None and not differ(clean, last):
+            return _climbed(clean, start, rng, tell, others, reading)
+        if not differ(clean, last) or _near(before, left):
+            break
+        tell("recordings as if played after the same ones")
+        same = of_one_history(clean, last)
+    return out
+
+
+def _near(before: tuple[float, ...], left: tuple[float, ...]) -> bool:
+    return len(before) == len(left) and bool(np.allclose(before, left, rtol=SETTLED))
+
+
+def _climbed(
+    clean: Groups, start: Point, rng: np.random.Generator, tell: Callable[[str], None], others: int,
+    reading: Reading | None,
+) -> Climbed:
     tell("noise")
     whitener, repeated = engine.noise_of(clean, start, rng)
     space, folds = engine.space_of(clean, whitener, start.model)
@@ -124,7 +153,7 @@ def climbed(
     if other is None:
         return _at_their_reaches(out, tell)
     tell("without the monitor's delay")
-    out = climbed(clean, start, rng, tell, others, other[0])
+    out = _climbed(clean, start, rng, tell, others, other[0])
     out.said = [*out.said, other[1]]
     return out
 

@@ -23,6 +23,7 @@ from piezo_rig.diagnosis.abreast import alone
 from piezo_rig.diagnosis.dictionary import Scales
 from piezo_rig.diagnosis.fit import Point
 from piezo_rig.diagnosis.groups import Group, Groups
+from piezo_rig.diagnosis.left_before import left_before
 from piezo_rig.diagnosis.linear import Bands, Fixed, Key, Piece, joined, no_bands
 from piezo_rig.diagnosis.whitening import CellWhitener
 
@@ -104,7 +105,7 @@ class Columns:
 
         def of(index: int) -> list[tuple[int, Fixed]]:
             group, made = self.groups.groups[index], []
-            powers, plays = self._of_drive(index, every[index])
+            powers, plays = self._of_drive(index, every[index], model)
             if tight:
                 columns = np.concatenate([left[index], plays])
             else:
@@ -137,7 +138,7 @@ class Columns:
         if not point.tables:
             return [no_bands(p.end - p.begin, len(f.white))
                     for p, f in zip(self.pieces, self.fixed, strict=True)]  # fmt: skip
-        key = (self.made_for, *self._tables(point.tables))
+        key = (self.made_for, *self._tables(point.tables), *left_before(point.model))
         if key in self._bands:
             return self._bands[key]
         while len(self._bands) > self.most_kept:
@@ -176,17 +177,19 @@ class Columns:
         white *= np.sqrt(self.groups.groups[piece.group].repeats)
         return white
 
-    def _of_drive(self, index: int, driven: Group) -> tuple[FloatArray, FloatArray]:
+    def _of_drive(
+        self, index: int, driven: Group, model: Model
+    ) -> tuple[FloatArray, FloatArray]:
         """Powers and fine thresholds of a group's drive as it is delivered, thinned."""
 
         def made() -> tuple[FloatArray, FloatArray]:
-            plays = dictionary.fine(driven, self.scales, self.first_rise)
+            plays = dictionary.fine(driven, self.scales, self.first_rise, model)
             powers = dictionary.powers(driven, self.scales)
             return self.groups.thinned(driven, powers), self.groups.thinned(driven, plays)
 
         if driven is not self.groups.groups[index]:
             return made()
-        return self._kept_of(("drive", index, self.first_rise), made)
+        return self._kept_of(("drive", index, self.first_rise, left_before(model)), made)
 
     def _bare_bands(self, index: int, model: Model, tables: Key) -> FloatArray:
         """Thinned displacement of the bands of all tables before any stage acts on it."""
@@ -197,7 +200,8 @@ class Columns:
 
         if any(s.place == "drive" for s in model.stages):
             return made()
-        return self._kept_of(("bands", index, tables, model.branches().keeps_ties), made)
+        left = left_before(model)
+        return self._kept_of(("bands", index, tables, model.branches().keeps_ties, left), made)
 
     def _kept_of(self, key: Key, make: Callable[[], Made]) -> Made:
         """What is known of the given drives by a key, else what ``make`` makes."""
@@ -213,7 +217,10 @@ class Columns:
 
     def _key_near(self, model: Model) -> Key:
         """The key of known columns that are near enough to a model's, else the model's own."""
-        stages = [s for s in model.stages if dictionary.carries(s) and s.locked_to == "drive"]
+        stages = [
+            s for s in model.stages
+            if s in model.remembering or (dictionary.carries(s) and s.locked_to == "drive")
+        ]  # fmt: skip
         key = (
             (self.first_rise, self.held, self.loose),
             tuple(s.id for s in stages),
@@ -319,9 +326,12 @@ def _driven(group: Group, model: Model) -> Group:
 
 
 def _with_tables(model: Model, of: Model) -> Model:
-    """A model's other stages around another one's element tables."""
-    others = [s for s in model.stages if s.elements is None]
-    out = of.with_(stages=tuple(s for s in of.stages if s.elements is not None))
+    """A model's other stages around another one's element tables, and what those remember."""
+    def kept(stage: Stage) -> bool:
+        return stage.elements is not None or stage in of.remembering
+
+    others = [s for s in model.stages if s.elements is None and s not in model.remembering]
+    out = of.with_(stages=tuple(s for s in of.stages if kept(s)))
     for stage in others:
         out = out.with_stage(stage)
     return out

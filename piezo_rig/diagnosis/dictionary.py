@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from piezo_rig.chain import Model, Signal, Stage
 from piezo_rig.diagnosis.groups import Group
+from piezo_rig.diagnosis.left_before import played_before
 
 FloatArray = NDArray[np.float64]
 POWERS = (2, 3, 4, 5)
@@ -63,10 +64,19 @@ def fine_thresholds(scales: Scales) -> tuple[FloatArray, FloatArray]:
     return r, np.sqrt(np.gradient(r) * even[0])
 
 
-def fine(group: Group, scales: Scales, first_rise: bool) -> FloatArray:
-    """Play operators, weighted; with ``first_rise`` also steps of the first rise."""
+def fine(
+    group: Group, scales: Scales, first_rise: bool, model: Model | None = None
+) -> FloatArray:
+    """Play operators, weighted; with ``first_rise`` also steps of the first rise.
+
+    ``model`` : says what they remember of the drives before
+    """
     r, cell = fine_thresholds(scales)
-    plays = _plays(np.ascontiguousarray(group.drive_v), r) * cell[:, None]
+    begun = played_before(model, group) if model else [(1.0, np.empty(0))]
+    plays = cell[:, None] * sum(
+        share * _plays(np.concatenate([volts, group.drive_v]), r)[:, volts.size :]
+        for share, volts in begun
+    )
     if not first_rise:
         return plays
     reach = np.maximum.accumulate(np.abs(group.drive_v - group.drive_v[0]))

@@ -51,6 +51,7 @@ class Group:
     sweeps : for every recording the indices of its sweeps
     earlier : share of the recordings, and the turning points of the drives before them, oldest
         first; empty where the history is not known
+    after : for every recording which of those it was played after; empty where they were made alike
     fine : ranges of samples that are not thinned
     """
 
@@ -64,6 +65,7 @@ class Group:
     condition: str
     sweeps: tuple[tuple[int, ...], ...]
     earlier: tuple[tuple[float, tuple[FloatArray, ...]], ...] = ()
+    after: tuple[int, ...] = ()
     fine: Ranges = ()
     begun_s: float = 0.0
     memo: Memo = field(default_factory=Memo, init=False, repr=False)
@@ -88,11 +90,8 @@ class Group:
         """`predicted` of a model that nobody asks for again."""
         if self.earlier and model.remembering:
             moved = np.zeros(self.drive_v.size)
-            for k, (share, before) in enumerate(self.earlier):
-                memo = self.memos.setdefault(k, Memo())
-                moved += share * model.simulate(
-                    self.time_s, self.drive_v, self.history, memo=memo, earlier=before
-                )
+            for k, (share, _) in enumerate(self.earlier):
+                moved += share * self._after(model, k)
         else:
             moved = model.simulate(self.time_s, self.drive_v, self.history, memo=self.memo)
         if any(s.locked_to == "clock" for s in model.stages):
@@ -109,13 +108,44 @@ class Group:
                 moved += added_by(stage, time, self.drive_v)
         return moved
 
+    def _after(self, model: Model, k: int) -> FloatArray:
+        """What the sensor would show after some of the drives before, but for the clock."""
+        return model.simulate(
+            self.time_s, self.drive_v, self.history,
+            memo=self.memos.setdefault(k, Memo()), earlier=self.earlier[k][1],
+        )  # fmt: skip
+
+    def remembers(self, model: Model) -> bool:
+        """Whether the recordings differ by what a model says is left of those before."""
+        return len(set(self.after)) > 1 and bool(model.remembering)
+
     def predicted_of(self, model: Model, rows: Sequence[int]) -> FloatArray:
         """`predicted` of some of the recordings."""
-        moved = self.predicted(model)
+        moved, every = self.predicted(model), range(self.repeats)
         if any(s.locked_to == "clock" for s in model.stages):
-            own = np.array([self.clocked(model, row) for row in range(self.repeats)])
+            own = np.array([self.clocked(model, row) for row in every])
             moved = moved + own[list(rows)].mean(axis=0) - own.mean(axis=0)
+        if self.remembers(model):
+            own = np.array([self._after(model, k) for k in range(len(self.earlier))])
+            at = np.array(self.after)
+            moved = moved + own[at[list(rows)]].mean(axis=0) - own[at].mean(axis=0)
         return moved
+
+    def of_one_history(self, model: Model) -> Group:
+        """As if all had been played after the mean of what they were played after."""
+        if not self.remembers(model):
+            return self
+        own = np.array([self._after(model, k) for k in range(len(self.earlier))])[list(self.after)]
+        return replace(self, measured_um=self.measured_um + own.mean(axis=0) - own, after=())
+
+    def at_one_time(self, model: Model) -> Group:
+        """As if clock-locked stages had done to every recording what they did on average."""
+        every = range(self.repeats)
+        mean = self.predicted(model)
+        return self.with_measured(np.array([
+            row + mean - self.predicted_of(model, [r])
+            for r, row in zip(every, self.measured_um, strict=True)
+        ]))  # fmt: skip
 
     def remembered(self, model: Model) -> FloatArray:
         """`predicted`, stage by stage kept for the neighbours of this model."""
@@ -134,15 +164,6 @@ class Group:
             measured_um=self.measured_um[:, :end], loops=loops.first(count),
             blocks=tuple((a, min(b, end)) for a, b in self.blocks if min(b, end) - a >= 8),
         )  # fmt: skip
-
-    def at_one_time(self, model: Model) -> Group:
-        """As if clock-locked stages had done to every recording what they did on average."""
-        every = range(self.repeats)
-        mean = self.predicted(model)
-        return self.with_measured(np.array([
-            row + mean - self.predicted_of(model, [r])
-            for r, row in zip(every, self.measured_um, strict=True)
-        ]))  # fmt: skip
 
     def with_measured(self, measured_um: FloatArray) -> Group:
         return replace(self, measured_um=measured_um)
@@ -285,8 +306,8 @@ def group_tracks(data: Data, sweeps: Sequence[Sweep]) -> Groups:
     earlier = _earlier(data, sweeps)
     begun = min(s.start_time for s in sweeps)
     groups = tuple(
-        replace(_group(members, sweeps, data), begun_s=begun,
-                earlier=_shares([earlier[t.sweeps] for t in members]) if earlier else ())
+        _after_others(replace(_group(members, sweeps, data), begun_s=begun),
+                      [earlier[t.sweeps] for t in members] if earlier else [])
         for members in found
     )  # fmt: skip
     offset = float(np.median([s.offset_v for s in sweeps]))
@@ -332,15 +353,16 @@ def _earlier(
     return out
 
 
-def _shares(
-    earlier: Sequence[tuple[FloatArray, ...]],
-) -> tuple[tuple[float, tuple[FloatArray, ...]], ...]:
-    """Recordings that were played after the same drives together."""
+def _after_others(group: Group, earlier: Sequence[tuple[FloatArray, ...]]) -> Group:
+    """A group with what each of its recordings was played after; the same drives together."""
     found: dict[bytes, list[tuple[FloatArray, ...]]] = {}
+    after = []
     for before in earlier:
         key = b"|".join(np.round(turns, 1).tobytes() for turns in before)
         found.setdefault(key, []).append(before)
-    return tuple((len(same) / len(earlier), same[0]) for same in found.values())
+        after.append(list(found).index(key))
+    shares = tuple((len(same) / len(earlier), same[0]) for same in found.values())
+    return replace(group, earlier=shares, after=tuple(after))
 
 
 def _same(a: Track, b: Track, sweeps: Sequence[Sweep]) -> bool:

@@ -129,7 +129,7 @@ def candidates(space: Space, model: Model) -> tuple[list[Candidate], dict[str, s
             )
             continue
         if kind.needs_known_order and not (
-            all(g.earlier for g in space.groups.groups) and _one_curve(model)
+            all(g.earlier for g in space.groups.groups) and one_curve(model)
         ):
             refused[id] = (
                 "only where every recording is said to begin virgin, at a time of its own, and "
@@ -152,7 +152,8 @@ def candidates(space: Space, model: Model) -> tuple[list[Candidate], dict[str, s
     return found, refused
 
 
-def _one_curve(model: Model) -> bool:
+def one_curve(model: Model) -> bool:
+    """Whether the first rise of a model follows the same elements as all others."""
     return not any(s.has_elements and s.id != "maxwell" for s in model.stages)
 
 
