@@ -33,7 +33,7 @@ from piezo_rig.diagnosis.space import Space
 
 FloatArray = NDArray[np.float64]
 WORSE, STRICT, AWAY = 1.03, 1.01, 3.0  # by which an extension may raise held-out errors
-ROUNDS, SETTLED = 3, 0.02  # of what is left in memory; the share by which it has changed
+ROUNDS, SETTLED = 3, 0.05  # of what is left in memory; the share by which it has changed
 CLOSE = 1.3  # times the noise floor: nearly nothing is left, and a true cause does no harm
 
 

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import lapack
 
-from piezo_rig.diagnosis.linear import Linear
+from piezo_rig.diagnosis.linear import Linear, summed
 
 FloatArray = NDArray[np.float64]
 BASE_CUT = 1e-9  # squared length of a base column of unit length that is no direction any more
@@ -152,12 +152,11 @@ def reduce(
     pieces : which pieces' Gram matrices to use; all by default
     free : base columns that are NOT projected off but handed on behind the trials
     """
-    used = slice(None) if pieces is None else list(pieces)
     key = (None if pieces is None else tuple(pieces), tuple(free))
     if key not in linear.axes:
-        linear.axes[key] = _axes(linear, linear.white[used].sum(axis=0), free)
+        linear.axes[key] = _axes(linear, summed(linear.white, pieces), free)
     axes: Axes = linear.axes[key]
-    return axes.with_residual(linear.residual[used].sum(axis=0))
+    return axes.with_residual(summed(linear.residual, pieces))
 
 
 def _axes(linear: Linear, gram: FloatArray, free: Sequence[int]) -> Axes:
@@ -252,23 +251,22 @@ class Likelihood:
         row = self.reduced.covariance.row(self.scales_at((i, 0))[0])
         if row is None:
             return []
-        k, out = y.shape[1], []
+        k = y.shape[1]
         both = np.empty((y.shape[0], k + self.reduced.trials.shape[1]), order="F")
         both[:, :k], both[:, k:] = y, self.reduced.trials
         white, _ = lapack.dtrtrs(row.lower, both, lower=1, overwrite_b=1)
         w, t = white[:, :k], white[:, k:]
-        square, gram, along = np.sum(w * w, axis=0), t.T @ t, t.T @ w
+        square, gram, along = np.einsum("ik,ik->k", w, w), t.T @ t, t.T @ w
         parts = row.turned @ white
         w, t = parts[:, :k], parts[:, k:]
-        for j in range(GRID.size):
-            scale = self.scales_at((i, j))[1]
-            share = scale / (1.0 + scale * row.square)
+        scales = np.array([self.scales_at((i, j))[1] for j in range(GRID.size)])[:, None]
+        shares = scales / (1.0 + scales * row.square)
+        log_det = row.log_det + np.sum(np.log1p(scales * row.square), axis=1)
+        plain = -0.5 * (square - shares @ (w * w) + log_det[:, None])
+        out = []
+        for share, own in zip(shares, plain, strict=True):
             weighed = share[:, None] * t
-            log_det = row.log_det + float(np.sum(np.log1p(scale * row.square)))
-            out.append(Seen(
-                -0.5 * (square - share @ (w * w) + log_det),
-                gram - t.T @ weighed, along - weighed.T @ w,
-            ))  # fmt: skip
+            out.append(Seen(own, gram - t.T @ weighed, along - weighed.T @ w))
         return out
 
     def drawn(self, cell: Cell, rng: np.random.Generator, count: int) -> FloatArray:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
@@ -97,9 +98,9 @@ class Linear:
 
     Attributes
     ----------
-    white : shape (k, c, c), columns as `Layout` says
-    residual : shape (k, c + 1), its products with the columns, and with itself
-    raw : shape (k, p + 1, p + 1), unwhitened base columns and residual, um^2 summed over samples
+    white : k of shape (c, c), columns as `Layout` says
+    residual : k of shape (c + 1,), its products with the columns, and with itself
+    raw : k of shape (p + 1, p + 1), unwhitened base columns and residual, um^2 summed over samples
     count : shape (k,), recordings x thinned samples
     law : shape (generic,), variance of each dictionary column that the freedom of the accepted
         causes' assumed laws gives it, um^2
@@ -110,15 +111,24 @@ class Linear:
     """
 
     layout: Layout
-    white: FloatArray
-    residual: FloatArray
-    raw: FloatArray
+    white: tuple[FloatArray, ...]
+    residual: tuple[FloatArray, ...]
+    raw: tuple[FloatArray, ...]
     count: FloatArray
     law: FloatArray
     rows: tuple[Rows, ...] = ()
     made_for: Key = ()
     most: tuple[float, float] = (np.inf, np.inf)
     axes: dict[Key, Any] = field(default_factory=dict)
+
+
+def summed(parts: Sequence[FloatArray], pieces: Sequence[int] | None = None) -> FloatArray:
+    """The sum over some of the pieces, or all; never one of them itself."""
+    first, *others = range(len(parts)) if pieces is None else pieces
+    out = parts[first].copy()
+    for k in others:
+        out += parts[k]
+    return out
 
 
 def no_bands(samples: int, fixed: int) -> Bands:

@@ -19,7 +19,7 @@ from piezo_rig.chain import Model, Stage
 from piezo_rig.diagnosis.fit import Point, smoothness
 from piezo_rig.diagnosis.likelihood import Likelihood, Reduced, reduce
 from piezo_rig.diagnosis.likelihood import covariance_of as covariance_of
-from piezo_rig.diagnosis.linear import Linear
+from piezo_rig.diagnosis.linear import Linear, summed
 from piezo_rig.diagnosis.space import Space
 from piezo_rig.errors import InputError
 
@@ -72,7 +72,7 @@ def element_step(
     point: Point, linear: Linear, pieces: Sequence[int] | None, moved: FloatArray
 ) -> FloatArray:
     """Change (p,) of the compliances once stage parameters have moved by ``moved`` (q,)."""
-    raw = (linear.raw if pieces is None else linear.raw[list(pieces)]).sum(axis=0)
+    raw = summed(linear.raw, pieces)
     n = point.linear
     if n == 0:
         return np.zeros(0)
@@ -93,7 +93,7 @@ def smooth_weight(point: Point, linear: Linear, pieces: Sequence[int] | None = N
     """
     if not point.compliances:
         return 0.0
-    raw = (linear.raw if pieces is None else linear.raw[list(pieces)]).sum(axis=0)
+    raw = summed(linear.raw, pieces)
     values, n = point.values(), point.linear
     count = linear.count.sum() if pieces is None else linear.count[list(pieces)].sum()
     left = raw[-1, -1] / max(count, 1.0)

@@ -86,8 +86,8 @@ class Space(Columns):
         found = self.each_group(about)
         law = self.law if self.law.size else np.zeros(self.counts[2])
         return Linear(
-            layout, np.array([r.white for r in found]), np.array([r.residual for r in found]),
-            np.array([r.raw for r in found]),
+            layout, tuple(r.white for r in found), tuple(r.residual for r in found),
+            tuple(r.raw for r in found),
             np.array([r.weight for r in found]), law, tuple(r.rows for r in found), self.made_for,
             held.most(self.pieces, self.fixed, self.counts, self.own_um),
         )  # fmt: skip
@@ -124,7 +124,7 @@ class Space(Columns):
 
         ``leave`` : number of the recording of every group that is left out of its mean
         """
-        residual, raw, at = linear.residual.copy(), linear.raw.copy(), 0
+        residual, raws, at = list[FloatArray](), list[FloatArray](), 0
         p = linear.layout.base
         for index, group in enumerate(self.groups.groups):
             rows = list(range(group.repeats))
@@ -139,15 +139,17 @@ class Space(Columns):
                 cut = left[piece.begin : piece.end]
                 r = self.whiten(cut[None], at)[0]
                 base, own, bare = linear.rows[at]
-                residual[at] = np.concatenate(
+                residual.append(np.concatenate(
                     [base.white @ r, own @ r, self.fixed[at].white @ r, [r @ r]]
-                )
+                ))  # fmt: skip
                 cut = piece.cells.centred(cut[None])[0]
                 cross = group.repeats * np.concatenate([base.raw @ cut, bare @ cut])
-                raw[at, :p, -1] = raw[at, -1, :p] = cross
-                raw[at, -1, -1] = group.repeats * cut @ cut
+                raw = linear.raw[at].copy()
+                raw[:p, -1] = raw[-1, :p] = cross
+                raw[-1, -1] = group.repeats * cut @ cut
+                raws.append(raw)
                 at += 1
-        return replace(linear, residual=residual, raw=raw)
+        return replace(linear, residual=tuple(residual), raw=tuple(raws))
 
     def _with_columns(self, near: Linear, point: Point, numbers: Sequence[int]) -> Linear:
         """The same with some columns about another point (no trials; the residual is not)."""
@@ -179,7 +181,7 @@ class Space(Columns):
         found = self.each_group(about)
         law = self.law if self.law.size else np.zeros(self.counts[2])
         return replace(
-            near, white=np.array([g for _, g, _ in found]), raw=np.array([r for *_, r in found]),
+            near, white=tuple(g for _, g, _ in found), raw=tuple(r for *_, r in found),
             rows=tuple(rows for rows, *_ in found), law=law, axes={},
         )  # fmt: skip
 
