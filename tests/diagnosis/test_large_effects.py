@@ -14,7 +14,7 @@ import pytest
 import scipy.signal
 
 sys.path.insert(0, str(Path(__file__).parent))
-from small_bench import recordings
+from small_bench import RATE, recordings
 
 from piezo_rig.diagnosis import diagnose
 from piezo_rig.studies.hidden import draw
@@ -57,3 +57,25 @@ def test_a_mode_that_carries_the_actuator_is_named_alone(frequency, damping, sha
     assert said["frequency"].value == pytest.approx(frequency, rel=1e-3)
     assert said["damping"].value == pytest.approx(damping, rel=0.02)
     assert said["share"].value == pytest.approx(share, rel=0.01)
+
+
+def test_a_slew_limit_just_above_the_speed_of_another_half_loop_is_named_alone():
+    # 35 V at 12 Hz are 840 V/s and go through it whole, 70 V at 12 Hz are 1680 V/s and do not
+    limit, fine = 900.0, 16
+
+    def slowed(drive):
+        """Towards the drive in small steps, straight between samples."""
+        goal = np.interp(np.arange((drive.size - 1) * fine + 1) / fine, range(drive.size), drive)
+        out, here, most = [], goal[0], limit / RATE / fine
+        for v in goal.tolist():
+            here += min(max(v - here, -most), most)
+            out.append(here)
+        return np.array(out[::fine])
+
+    conditions = (("2 Hz", 0.0, 70.0, 2.0), ("12 Hz, small", 0.0, 35.0, 12.0),
+                  ("12 Hz", 0.0, 70.0, 12.0))  # fmt: skip
+    found = diagnose(recordings(before=slowed, seed=1, conditions=conditions))
+    assert [f.cause for f in found.findings] == ["slew-limit"]
+    assert not found.unexplained.detected
+    assert found.rungs[-1].rms_nm < 1.03 * 2.0  # of noise
+    assert found.findings[0].parameters["limit"].value == pytest.approx(limit, rel=1e-3)
