@@ -16,12 +16,20 @@ settings.load_profile("same")  # the same examples every time; `--hypothesis-pro
 CHECKOUT = Path(__file__).resolve().parent.parent
 
 
-LONGEST = "test_diagnosis_of_real_recordings.py"
+# files whose tests take seconds each, the longest first
+LONGEST = (
+    "test_findings.py", "test_given_that_lacks.py", "test_remanence.py", "test_breadth.py",
+    "test_large_effects.py", "test_combinations.py", "test_reaches.py",
+    "test_hidden_through_drivers.py", "test_diagnosis_of_real_recordings.py",
+    "test_long_delays.py", "test_tutorial.py", "test_other_drives.py", "test_drive_monitor.py",
+    "test_page.py", "test_uncertainty.py", "test_run.py", "test_guard.py",
+)
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """What takes longest comes first, or one of two workers waits for it at the end."""
-    items.sort(key=lambda item: item.path.name != LONGEST)
+    place = {name: k for k, name in enumerate(LONGEST)}
+    items.sort(key=lambda item: place.get(item.path.name, len(place)))
 
 
 @pytest.fixture(scope="session")

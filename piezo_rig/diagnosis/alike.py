@@ -16,7 +16,9 @@ from piezo_rig.diagnosis.groups import Groups
 from piezo_rig.diagnosis.scan import one_curve
 
 FloatArray = NDArray[np.float64]
+FEW = np.array([0.03, 0.2])
 TRIED = np.array([0.01, 0.02, 0.04, 0.07, 0.1, 0.15, 0.2, 0.25, 0.3, 0.4, 0.5, 0.65, 0.8])
+AT_ALL = 0.99  # of that square, by one of the few, for all to be tried
 LESS = 0.8  # of the mean square by which they differ, that memory must leave
 
 
@@ -37,13 +39,23 @@ def plainly_remembering(groups: Groups, model: Model) -> Model | None:
     """
     if Remanence.id not in CAUSES or not all(g.earlier for g in groups.groups):
         return None
-    tried = [model.with_stage(Remanence.of(None, fraction=float(f))) for f in TRIED]
-    if not one_curve(model) or not differ(groups, tried[0]):
+    if not one_curve(model) or not differ(groups, _left(model, FEW[0])):
         return None
     before = _differing(groups)
-    left = [_differing(of_one_history(groups, m)) for m in tried]
-    best = int(np.argmin(left))
-    return tried[best] if left[best] < LESS * before else None
+
+    def worth(fractions: FloatArray) -> tuple[float, Model]:
+        left = [_differing(of_one_history(groups, _left(model, f))) for f in fractions]
+        best = int(np.argmin(left))
+        return left[best], _left(model, fractions[best])
+
+    if worth(FEW)[0] > AT_ALL * before:
+        return None
+    left, best = worth(TRIED)
+    return best if left < LESS * before else None
+
+
+def _left(model: Model, fraction: float) -> Model:
+    return model.with_stage(Remanence.of(None, fraction=float(fraction)))
 
 
 def _differing(groups: Groups) -> float:
