@@ -57,7 +57,6 @@ class Context:
         return float(np.median(self.slews_v_per_s)) if self.slews_v_per_s.size else 1.0
 
 
-
 class Cause(Stage):
     """A stage that a diagnosis can look for.
 

@@ -8,7 +8,7 @@ what the model remembers; it never looks ahead, but by the delay of the record, 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
@@ -18,7 +18,7 @@ from piezo_rig.chain import Model
 from piezo_rig.chain.half_loops import SMALL, dead_band, half_loops
 from piezo_rig.compensation.small_reversals import Waits, doubtful
 from piezo_rig.compensation.stages import Treatment, treat
-from piezo_rig.compensation.stepper import Bounds, OutOfReach, Stepper, fastest_v_per_s
+from piezo_rig.compensation.stepper import Bounds, OutOfReach, Stepper
 from piezo_rig.compensation.tables import ROUNDING_V
 from piezo_rig.config import Rig
 from piezo_rig.errors import InputError, LimitError
@@ -130,8 +130,6 @@ def compensate(
     if lead_s:
         wanted = np.interp(time + lead_s, time, wanted)
     first = _first_drive(kept, bounds)
-    slew = min(bounds.slew_v_per_s, fastest_v_per_s(kept))
-    bounds = replace(bounds, slew_v_per_s=slew)
 
     def followed(dead_band_v: float, waits: Waits | None = None) -> FloatArray:
         stepper = Stepper(kept, True, dead_band_v)
@@ -171,8 +169,11 @@ def _waiting(
         more = doubtful(drive, wanted_um)
         if not more.count:
             break
+        try:
+            drive = followed(waits.joined(more))
+        except LimitError:
+            break  # who waits comes too late for what follows
         waits = waits.joined(more)
-        drive = followed(waits)
     if not waits.count:
         return drive, []
     return drive, [
@@ -202,9 +203,9 @@ def _out_of_reach(
 ) -> LimitError:
     k = reach.sample + 1
     time, asked = target.time_s[k], target.displacement_um[k]
-    slew = "" if np.isinf(bounds.slew_v_per_s) else f" and {bounds.slew_v_per_s:.6g} V/s"
+    slew = "" if np.isinf(reach.slew_v_per_s) else f" and {reach.slew_v_per_s:.6g} V/s"
     led = "" if wanted[k] == asked else f" ({wanted[k]:.6g} um with the lead)"
-    step_v = bounds.slew_v_per_s * (time - target.time_s[k - 1])
+    step_v = reach.slew_v_per_s * (time - target.time_s[k - 1])
     if wanted[k] > reach.most_um and reach.drive_v + step_v >= bounds.high_v:
         cause = "the target is beyond what the highest drive gives"
     elif wanted[k] < min(0.0, reach.least_um) and reach.drive_v - step_v <= bounds.low_v:
@@ -212,6 +213,8 @@ def _out_of_reach(
     elif wanted[k] < reach.least_um and reach.drive_v - step_v <= bounds.low_v:
         cause = ("after its first rise an actuator with hysteresis does not come back to where it "
                  "began, unless the drive goes below where that was")  # fmt: skip
+    elif reach.slew_v_per_s < bounds.slew_v_per_s:
+        cause = "the target moves faster there than the model's amplifier follows (slew-limit)"
     else:
         cause = "the target moves faster there than the rig lets the drive move"
     return LimitError(

@@ -18,8 +18,8 @@ from piezo_rig.chain.half_loops import SMALL, half_loops
 
 FloatArray = NDArray[np.float64]
 DOUBTFUL = 2.0  # times the least reversal that counts, up to which it is not known to count
+KEPT = 0.9  # of that least reversal: how far the drive may go back all the same
 OWN = 0.1  # share of a reversal that the target makes, above which it is the target's
-KEPT = 0.9  # of that reversal: how far the drive may go back all the same
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +49,7 @@ class Waits:
 def doubtful(drive_v: FloatArray, wanted_um: FloatArray) -> Waits:
     """Where a drive (n,) goes back a little although its target (n,) does not.
 
-    From the turning point until the drive has come back to it, or gone on past ``DOUBTFUL``.
+    From the turning point until the drive has come back to it.
     """
     least_v = SMALL * float(np.ptp(drive_v))
     loops = half_loops(drive_v, least_v)

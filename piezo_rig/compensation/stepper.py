@@ -42,15 +42,17 @@ class OutOfReach(Exception):
     sample : of the piece that was given
     least_um, most_um : what is within reach there, from the sample before
     drive_v : of the sample before
+    slew_v_per_s : the fastest that the drive may be, by the bounds or by the model's amplifier
     """
 
     sample: int
     least_um: float
     most_um: float
     drive_v: float
+    slew_v_per_s: float = np.inf
 
 
-def fastest_v_per_s(model: Model) -> float:
+def _fastest_v_per_s(model: Model) -> float:
     """What a model's amplifier can follow of a drive; infinite without a slew limit."""
     limit, gain = model.stage("slew-limit"), model.stage("drive-gain")
     if limit is None:
@@ -82,7 +84,7 @@ class Stepper:
         self._machine = machine
         self.tables = tables_of(model, steady, dead_band_v)
         self.state = machine.new_state(self.tables)
-        self._fastest_v_per_s = fastest_v_per_s(model)
+        self._fastest_v_per_s = _fastest_v_per_s(model)
         self._time_s = np.nan
 
     def begin(self, time_s: float, drive_v: float) -> None:
@@ -133,7 +135,7 @@ class Stepper:
             )  # fmt: skip
             if why == self._machine.OUT_OF_REACH:
                 before = float(self.state.scalars[self._machine.DRIVE])
-                raise OutOfReach(k - 1, float(reach.min()), float(reach.max()), before)
+                raise OutOfReach(k - 1, float(reach.min()), float(reach.max()), before, slew)
             self._heed(why, k)
         self._time_s = float(time[-1])
         return drive[1:]

@@ -139,12 +139,10 @@ class Group:
         return replace(self, measured_um=self.measured_um + own.mean(axis=0) - own, after=())
 
     def at_one_time(self, model: Model) -> Group:
-        """As if clock-locked stages had done to every recording what they did on average."""
-        every = range(self.repeats)
+        """As if every recording had been made at the mean of their times, after the same drives."""
         mean = self.predicted(model)
         return self.with_measured(np.array([
-            row + mean - self.predicted_of(model, [r])
-            for r, row in zip(every, self.measured_um, strict=True)
+            row + mean - self.predicted_of(model, [r]) for r, row in enumerate(self.measured_um)
         ]))  # fmt: skip
 
     def remembered(self, model: Model) -> FloatArray:

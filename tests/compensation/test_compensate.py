@@ -268,3 +268,15 @@ def test_a_drive_goes_back_where_that_counts_for_certain():
     assert backwards.max() > 2.0 * 0.0005 * np.ptp(done.drive_v)
     assert done.warnings == []
     assert np.abs(done.predicted_um - target.displacement_um).max() < 1e-5
+
+
+def test_a_target_too_fast_for_the_models_amplifier_is_not_laid_to_the_rig(tmp_path, capsys):
+    slow = spring().with_stage(CAUSES["slew-limit"].of(None, limit=500.0))
+    path = save_model(slow, tmp_path / "slow.json")
+    um = np.concatenate([np.zeros(5), 0.02 * np.arange(1.0, 6.0)])  # 10 V/um: 1000 V/s
+    out = tmp_path / "o.csv"
+    assert main(["compensate", str(path), written(tmp_path / "t.csv", um), "--out", str(out)]) == 3
+    error = capsys.readouterr().err
+    assert "sample 5" in error
+    assert "and 500 V/s" in error
+    assert "the model's amplifier" in error
