@@ -208,3 +208,19 @@ def test_recordings_that_hardly_differ_have_lost_nothing():
     for changed in (volts, other):
         sweeps = [first.with_(sensor_v=volts), second.with_(sensor_v=changed, zero_v=first.zero_v)]
         assert searched(sweeps)[1] == ()
+
+
+@pytest.mark.parametrize("seed", [0, 3, 4])
+def test_steps_up_and_down_again_are_not_mended_for_the_worse(seed):
+    # a random telegraph of 25 nm: for as long as the velocity lasts a step looks like a loss
+    def telegraph(x, t, rng):
+        return x + 0.0125 * (-1.0) ** np.cumsum(rng.random(t.size) < 3.0 / 2000.0)
+
+    groups, breaks = searched(recordings(sensor=telegraph, kind="ar", repeats=3, seed=seed))
+
+    def differing(some):
+        whole = mended(groups, [g.measured_um.mean(axis=0) for g in groups.groups], some)
+        rows = [g.measured_um - g.measured_um.mean(axis=0) for g in whole.groups]
+        return sum(float(np.var(r, axis=1).mean()) for r in rows)
+
+    assert differing(list(breaks)) <= differing([b for b in breaks if b.cause == "fringe-jump"])
