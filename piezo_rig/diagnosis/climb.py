@@ -33,8 +33,9 @@ from piezo_rig.diagnosis.forms import (
 )
 from piezo_rig.diagnosis.held import own_um_of
 from piezo_rig.diagnosis.ladder import Ladder, Step
-from piezo_rig.diagnosis.likelihood import Likelihood, reduce
+from piezo_rig.diagnosis.likelihood import Likelihood
 from piezo_rig.diagnosis.needed import does_nothing, needless, worth_needed
+from piezo_rig.diagnosis.reduction import reduce
 from piezo_rig.diagnosis.refit import Fitted, refit, settle
 from piezo_rig.diagnosis.scan import LATER, LEVEL, Found, Scan, extended, scan, score_powers
 from piezo_rig.diagnosis.scores import score_generic

@@ -7,8 +7,9 @@ model's other stages, and are made anew when those have changed by more than a l
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from copy import copy
 from dataclasses import dataclass, field, replace
 from typing import Any, TypeVar
@@ -24,7 +25,7 @@ from piezo_rig.diagnosis.dictionary import Scales
 from piezo_rig.diagnosis.fit import Point
 from piezo_rig.diagnosis.groups import Group, Groups
 from piezo_rig.diagnosis.left_before import left_before
-from piezo_rig.diagnosis.linear import Bands, Fixed, Key, Piece, joined, no_bands
+from piezo_rig.diagnosis.linear import Bands, Fixed, Frame, Key, Piece, joined, no_bands
 from piezo_rig.diagnosis.whitening import CellWhitener
 
 FloatArray = NDArray[np.float64]
@@ -33,6 +34,7 @@ KEPT = 100_000  # thinned samples of all that are kept: a GB
 SAME_KNOTS = 1e-6  # V
 THREADS = 2
 Made = TypeVar("Made")
+Numbers = tuple[tuple[float, ...], tuple[float, ...], float]
 
 
 @dataclass(eq=False)
@@ -54,7 +56,7 @@ class Columns:
     still: bool = False  # whether they stay what they are, whatever the model
     _prepared: Model | None = None
     _known: dict[Key, tuple[Model, list[Fixed], tuple[int, int, int]]] = field(default_factory=dict)
-    _bands: dict[Key, list[Bands]] = field(default_factory=dict)
+    _frames: dict[Key, Frame] = field(default_factory=dict)
     _of_given: dict[Key, Any] = field(default_factory=dict)
     _knots: list[FloatArray] = field(default_factory=list)
 
@@ -70,6 +72,15 @@ class Columns:
 
     def restore(self, state: Mapping[str, Any]) -> None:
         vars(self).update(state)
+
+    @contextmanager
+    def as_it_is(self) -> Iterator[None]:
+        """For looks at other models by the same columns."""
+        before, self.still = self.still, True
+        try:
+            yield
+        finally:
+            self.still = before
 
     @property
     def noise_nm(self) -> float:
@@ -97,7 +108,7 @@ class Columns:
         while len(self._known) >= self.most_kept:
             old = next(iter(self._known))
             self._known.pop(old)
-            self._bands = {k: v for k, v in self._bands.items() if k[0] != old}
+            self._frames = {k: v for k, v in self._frames.items() if k[0] != old}
         self._forget_oldest()
         every = [_driven(group, model) for group in self.groups.groups]
         tight = self.held and not self.loose
@@ -132,17 +143,25 @@ class Columns:
         self.counts = (bends, fine, len(self.tags))
         self._known[key] = (model, self.fixed, self.counts)
 
-    def bands(self, point: Point) -> list[Bands]:
-        """Derivatives by the compliances, piece by piece, as of the model that was prepared."""
+    def frame(self, point: Point) -> Frame:
+        """Bands of a point's tables and fixed columns, as of the model that was prepared."""
+        assert self._prepared is not None
+        key = (self.made_for, *self._tables(point.tables), *left_before(point.model))
+        if key not in self._frames:
+            while len(self._frames) > self.most_kept:
+                self._frames.pop(next(iter(self._frames)))
+            recordings = tuple(self.groups.groups[p.group].repeats for p in self.pieces)
+            self._frames[key] = Frame(
+                tuple(self._bands_of(point)), tuple(self.fixed), recordings, self.counts
+            )
+        return self._frames[key]
+
+    def _bands_of(self, point: Point) -> list[Bands]:
+        """Derivatives by the compliances, piece by piece."""
         assert self._prepared is not None
         if not point.tables:
             return [no_bands(p.end - p.begin, len(f.white))
                     for p, f in zip(self.pieces, self.fixed, strict=True)]  # fmt: skip
-        key = (self.made_for, *self._tables(point.tables), *left_before(point.model))
-        if key in self._bands:
-            return self._bands[key]
-        while len(self._bands) > self.most_kept:
-            self._bands.pop(next(iter(self._bands)))
         self._forget_oldest()
         model = _with_tables(self._prepared, point.model)
         tables = self._tables(model.stages)
@@ -164,9 +183,7 @@ class Columns:
                 made.append(Bands(white, raw, white @ white.T, raw @ raw.T, white @ fixed.T))
             return made
 
-        out = self.each_group(of)
-        self._bands[key] = out
-        return out
+        return self.each_group(of)
 
     def whiten(self, rows: FloatArray, at: int) -> FloatArray:
         """Rows of one piece, whitened, its offset projected out."""
@@ -224,10 +241,10 @@ class Columns:
         key = (
             (self.first_rise, self.held, self.loose),
             tuple(s.id for s in stages),
-            tuple(_numbers(s) for s in stages),
+            tuple(numbers_of(s) for s in stages),
         )
         for known in (self.made_for, *self._known):
-            if known[:2] == key[:2] and _near(known[2], key[2]):
+            if known[:2] == key[:2] and near_to(known[2], key[2]):
                 return known
         return key
 
@@ -291,7 +308,7 @@ class Columns:
         )
 
 
-def _numbers(stage: Stage) -> tuple[tuple[float, ...], tuple[float, ...], float]:
+def numbers_of(stage: Stage) -> Numbers:
     """A stage's parameters; apart from them the optional ones, of which each does little; how near
     others must be.
     """
@@ -302,9 +319,7 @@ def _numbers(stage: Stage) -> tuple[tuple[float, ...], tuple[float, ...], float]
     return own, rest, stage.near if isinstance(stage, Cause) else NEAR
 
 
-def _near(
-    known: object, wanted: tuple[tuple[tuple[float, ...], tuple[float, ...], float], ...]
-) -> bool:
+def near_to(known: object, wanted: tuple[Numbers, ...]) -> bool:
     """Whether the numbers of two models are near: one by one, optional ones together."""
     assert isinstance(known, tuple)
     for (a, b, near), (c, d, _) in zip(known, wanted, strict=True):

@@ -13,8 +13,8 @@ from piezo_rig.causes import CAUSES
 from piezo_rig.causes.cause import Cause
 from piezo_rig.chain import Model
 from piezo_rig.diagnosis.fit import Point
-from piezo_rig.diagnosis.likelihood import reduce
-from piezo_rig.diagnosis.refit import Fitted, covariance_of
+from piezo_rig.diagnosis.reduction import covariance_of, reduce
+from piezo_rig.diagnosis.refit import Fitted
 from piezo_rig.diagnosis.scan import candidates
 from piezo_rig.diagnosis.space import Space
 

@@ -136,19 +136,25 @@ def _diagnosed(
         )
     tell("held out")
     name = baseline if isinstance(baseline, str) else (baseline.name or "given model")
+    every = [
+        *(partial(held_out_errors, space, search.first, kind, g)
+          for g in (raw, *(g for _, g in stages))),
+        *(partial(errors, s.fitted) for s in steps),
+    ]  # fmt: skip
+    carried = kind != folds and folds in ("condition", "sweep")
+    ends = [partial(held_out_errors, space, f, folds) for f in (search.first, ladder.last)]
+    found = abreast(space, [*every, *(ends if carried else [])])
     rungs, gains = _rungs(
-        [name, *(cause for cause, _ in stages), *(s.cause for s in steps)],
-        [*(held_out_errors(space, search.first, kind, g) for g in (raw, *(g for _, g in stages))),
-         *(errors(s.fitted) for s in steps)],
+        [name, *(cause for cause, _ in stages), *(s.cause for s in steps)], found[: len(every)],
         rng,
     )  # fmt: skip
     notes += far_off(1e3 * space.own_um, floor)
     notes += further_off(1e3 * space.own_um, rungs[-1].rms_nm)
-    if kind != folds and folds in ("condition", "sweep"):
-        ends = [held_out_errors(space, f, folds).rms_nm for f in (search.first, ladder.last)]
+    if carried:
+        without, full = (e.rms_nm for e in found[len(every) :])
         notes.append(
-            f"on conditions that were left out of the fit: {ends[0]:.4g} nm with the baseline, "
-            f"{ends[1]:.4g} nm with everything"
+            f"on conditions that were left out of the fit: {without:.4g} nm with the baseline, "
+            f"{full:.4g} nm with everything"
         )
     findings = [
         Finding(f.cause, CAUSES[f.cause].place, min(f.p_value, 1.0),
@@ -173,11 +179,11 @@ def _diagnosed(
                 "linear in the drive"
             )
             continue
-        found = apart[step.cause]
+        told_apart = apart[step.cause]
         members = [s.cause for s in steps]
         confused[step.cause] = [
-            *found.alternatives,
-            *(c for c in step.rivals if c not in members and c not in found.alternatives),
+            *told_apart.alternatives,
+            *(c for c in step.rivals if c not in members and c not in told_apart.alternatives),
         ] if step not in search.monitored else []  # it was seen where none of those would show
         confused[step.cause] += [
             c for c in within_what_is_wrong(
@@ -189,7 +195,8 @@ def _diagnosed(
         findings.append(Finding(
             step.cause, CAUSES[step.cause].place, step.p_value,
             None if kind == "none" else value, None if kind == "none" else interval,
-            parameters_of(last, step.cause, model, spread), confused[step.cause], found.d_prime,
+            parameters_of(last, step.cause, model, spread), confused[step.cause],
+            told_apart.d_prime,
         ))  # fmt: skip
     if kind == "none":
         notes.append("too few cycles to hold anything out: figures are of the fit itself, gains "

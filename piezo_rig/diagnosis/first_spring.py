@@ -14,7 +14,6 @@ from piezo_rig.causes.cause import FirstSpring
 from piezo_rig.chain import Elements, Model, Parameter
 from piezo_rig.chain.branches import Reaching
 from piezo_rig.diagnosis.fit import smoothness
-from piezo_rig.diagnosis.linear import summed
 from piezo_rig.diagnosis.refit import Fitted, smooth_weight
 
 FloatArray = NDArray[np.float64]
@@ -109,7 +108,7 @@ def offset_of(fitted: Fitted, stage: FirstSpring) -> Parameter:
         there[k] *= 1.0 + STEP
         other = spring_of(Elements.from_curve(table.knots_v, there), reach)
         gradient[k] = (other - spring_of(table, reach)) / (STEP * compliance[k])
-    raw = summed(fitted.linear.raw)
+    raw = fitted.linear.raw()
     rows = smoothness(fitted.point)[:, :n]
     gram = raw[:n, :n] + smooth_weight(fitted.point, fitted.linear) * rows.T @ rows
     gram += 1e-12 * np.diag(np.diag(gram)) + 1e-300 * np.eye(n)

@@ -16,8 +16,9 @@ from piezo_rig.causes.cause import Cause
 from piezo_rig.chain import Stage
 from piezo_rig.diagnosis.abreast import abreast
 from piezo_rig.diagnosis.fit import Point
-from piezo_rig.diagnosis.likelihood import Likelihood, reduce
+from piezo_rig.diagnosis.likelihood import Likelihood
 from piezo_rig.diagnosis.linear import Linear
+from piezo_rig.diagnosis.reduction import reduce
 from piezo_rig.diagnosis.refit import Fitted, playable, refit, settle
 from piezo_rig.diagnosis.space import Space
 from piezo_rig.errors import InputError
@@ -63,13 +64,11 @@ def begun_at_length(space: Space, point: Point, id: str, example: Stage) -> Poin
 
 def _one_step(space: Space, point: Point) -> float:
     """Evidence a step further, by the columns at hand; none where that cannot be played."""
-    space.still = True
     try:
-        return refit(space, point, steps=1, held=True).evidence
+        with space.as_it_is():
+            return refit(space, point, steps=1, held=True).evidence
     except (InputError, np.linalg.LinAlgError):
         return -np.inf
-    finally:
-        space.still = False
 
 
 def as_late(space: Space, fitted: Fitted, id: str) -> Fitted:
@@ -93,8 +92,13 @@ def further(space: Space, fitted: Fitted, id: str) -> Fitted:
         limits = stage.limits if isinstance(stage, Cause) else {}
         value = float(np.clip(value, *limits.get(names[0], (-np.inf, np.inf))))
         moved = point.model.with_stage(stage.with_values(**{names[0]: value}))
+        start = replace(point, model=moved)
         try:
-            there = refit(space, replace(point, model=moved), held=True)
+            with space.as_it_is():  # a look by the same columns
+                there = refit(space, start, held=True)
+            if there.evidence < fitted.evidence + BETTER:
+                break
+            there = refit(space, start, held=True)
         except (InputError, np.linalg.LinAlgError):
             break  # nothing is left to fit so far out, as beyond a level that is reached
         if there.evidence < fitted.evidence + BETTER:
@@ -124,19 +128,25 @@ def beside_kinks(space: Space, fitted: Fitted, id: str) -> Fitted:
         return fitted
     name, step_s = stage.kinked, 1.0 / space.groups.rate
     whole = np.round(stage[name] / step_s)
+    settle(space, fitted.point)
     tried = abreast(space, [
         partial(_begun_at, space, fitted, id, {name: float((whole + beside) * step_s)})
         for beside in (-BESIDE, BESIDE)
     ], fitted.parts)  # fmt: skip
-    return max([fitted, *tried], key=lambda f: f.evidence)
+    best = max([fitted, *tried], key=lambda f: f.evidence)
+    return fitted if best is fitted else refit(space, best.point, steps=1, held=True)
 
 
 def _begun_at(space: Space, fitted: Fitted, id: str, values: Mapping[str, float]) -> Fitted:
-    """Refitted from there, and once more from where that led: evidences are of tangents there."""
-    there = at_values(space, fitted, id, values)
-    if there is fitted:
-        return fitted
-    return refit(space, there.point, steps=1, held=True)
+    """Refitted from there, and once more from where that led: evidences are of tangents there.
+
+    By the columns at hand, for so short a way.
+    """
+    with space.as_it_is():
+        there = at_values(space, fitted, id, values)
+        if there is fitted:
+            return fitted
+        return refit(space, there.point, steps=1, held=True)
 
 
 def reached(space: Space, fitted: Fitted, id: str, than: Fitted) -> Fitted:

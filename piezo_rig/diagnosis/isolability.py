@@ -21,8 +21,8 @@ from piezo_rig.causes.cause import Cause
 from piezo_rig.chain import Model
 from piezo_rig.diagnosis.confusion import APART, own_columns
 from piezo_rig.diagnosis.groups import Groups
-from piezo_rig.diagnosis.likelihood import Reduced, reduce
-from piezo_rig.diagnosis.refit import Fitted, changed_um, covariance_of, settle
+from piezo_rig.diagnosis.reduction import Reduced, covariance_of, reduce
+from piezo_rig.diagnosis.refit import Fitted, changed_um, settle
 from piezo_rig.diagnosis.scan import VISIBLE, candidates
 from piezo_rig.diagnosis.space import Space
 

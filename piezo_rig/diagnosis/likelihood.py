@@ -12,205 +12,19 @@ hypothesis (`scores` compares them).
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import lapack
 
-from piezo_rig.diagnosis.linear import Linear, summed
+from piezo_rig.diagnosis.reduction import Reduced
 
 FloatArray = NDArray[np.float64]
-BASE_CUT = 1e-9  # squared length of a base column of unit length that is no direction any more
-KEEP = 1e-7  # the same of the columns that are left: rounding has taken its share of them
 GRID = np.concatenate([[0.0], 7.0 ** np.arange(-1.0, 6.0)])  # of variance, in units below
 Cell = tuple[int, int]  # of the grid of both scales
 STARTS = (0, 4)  # scales of the fine thresholds that a climb looks at first
 SAME = 1e-4  # of the largest singular value: columns that only repeat others
-
-
-class Row(NamedTuple):
-    """The covariance at one scale of the fine thresholds and none of the dictionary.
-
-    ``lower`` (m, m) its Cholesky factor, ``log_det`` of it; ``turned`` (u, m) the dictionary's
-    principal directions whitened by it, with their squared lengths ``square`` (u,)
-    """
-
-    lower: FloatArray
-    log_det: float
-    turned: FloatArray
-    square: FloatArray
-
-
-class Covariance:
-    """Noise, fine thresholds, dictionary and assumed laws together, as the two scales say.
-
-    One Cholesky factor per scale of the fine thresholds serves all scales of the dictionary: in
-    its principal directions that only adds to a diagonal. They are kept.
-    """
-
-    def __init__(self, fine: FloatArray, generic: FloatArray, law: FloatArray) -> None:
-        self._fine, self._generic = fine @ fine.T, generic
-        self._rest = np.eye(fine.shape[0]) + law @ law.T
-        self._rows: dict[float, Row | None] = {}
-
-    def of(self, scales: tuple[float, float]) -> FloatArray:
-        """Shape (m, m)."""
-        out = scales[0] * self._fine
-        out += self._rest
-        if scales[1]:
-            out += scales[1] * (self._generic @ self._generic.T)
-        return out
-
-    def factor(self, scales: tuple[float, float]) -> FloatArray | None:
-        """Lower Cholesky factor (m, m); None where rounding decides whether there is one."""
-        lower, bad = lapack.dpotrf(self.of(scales).T, lower=1, overwrite_a=1)
-        return lower if bad == 0 else None
-
-    def row(self, scale: float) -> Row | None:
-        """For a scale of the fine thresholds; None where rounding decides."""
-        if scale not in self._rows:
-            lower = self.factor((scale, 0.0))
-            self._rows[scale] = None if lower is None else self._row(lower)
-        return self._rows[scale]
-
-    def _row(self, lower: FloatArray) -> Row:
-        white, _ = lapack.dtrtrs(lower, self._generic, lower=1)
-        square, vector = np.linalg.eigh(white.T @ white)
-        log_det = 2.0 * float(np.sum(np.log(np.diag(lower))))
-        return Row(lower, log_det, vector.T @ white.T, np.maximum(square, 0.0))
-
-    def forget(self) -> None:
-        """Let go of what is kept."""
-        self._rows.clear()
-
-
-@dataclass(frozen=True, eq=False)
-class Reduced:
-    """Everything about one point in an orthonormal basis of what the base cannot follow.
-
-    Attributes
-    ----------
-    fine, generic : shapes (m, f) and (m, u)
-    trials : shape (m, t)
-    law : shape (m, k), standard deviations of what assumed laws leave open
-    z : shape (m,), the residual
-    extra : scalar, squared length of the residual outside of the basis
-    unit_fine, unit_generic : variance at which the set explains as much as the noise, on average
-    most : variances of both that are not exceeded
-    covariance : of the residual; the same object for every residual of the same columns
-    """
-
-    fine: FloatArray
-    generic: FloatArray
-    trials: FloatArray
-    law: FloatArray
-    z: FloatArray
-    extra: float
-    unit_fine: float
-    unit_generic: float
-    most: tuple[float, float]
-    covariance: Covariance
-
-
-@dataclass(frozen=True, eq=False)
-class Axes:
-    """How the columns of a `Linear` are reduced, whatever the residual.
-
-    Attributes
-    ----------
-    base, rest : which columns are projected off, and which are left
-    off : shape (d, base), the base's orthonormal directions
-    cross : shape (d, rest), what the columns that are left have of them
-    axes : shape (m, rest), the orthonormal basis of what is then left of those
-    reduced : everything but the residual
-    """
-
-    base: NDArray[np.int64]
-    rest: NDArray[np.int64]
-    off: FloatArray
-    cross: FloatArray
-    axes: FloatArray
-    reduced: Reduced
-
-    def with_residual(self, residual: FloatArray) -> Reduced:
-        """The residual reduced as well, from its products (c + 1,) as `Linear` has them."""
-        followed = self.off @ residual[self.base]
-        z = self.axes @ (residual[self.rest] - self.cross.T @ followed)
-        extra = float(residual[-1] - followed @ followed - z @ z)
-        return replace(self.reduced, z=z, extra=max(extra, 0.0))
-
-
-def reduce(
-    linear: Linear, pieces: Sequence[int] | None = None, free: Sequence[int] = ()
-) -> Reduced:
-    """Project off base and powers and reduce.
-
-    Parameters
-    ----------
-    pieces : which pieces' Gram matrices to use; all by default
-    free : base columns that are NOT projected off but handed on behind the trials
-    """
-    key = (None if pieces is None else tuple(pieces), tuple(free))
-    if key not in linear.axes:
-        linear.axes[key] = _axes(linear, summed(linear.white, pieces), free)
-    axes: Axes = linear.axes[key]
-    return axes.with_residual(summed(linear.residual, pieces))
-
-
-def _axes(linear: Linear, gram: FloatArray, free: Sequence[int]) -> Axes:
-    lay = linear.layout
-    all_base = np.delete(np.arange(lay.base + lay.powers), lay.base + np.arange(lay.twice))
-    base = np.setdiff1d(all_base, np.asarray(free, int))
-    rest = np.concatenate([
-        np.arange(lay.part("fine").start, lay.part("trials").stop), np.asarray(free, int),
-    ]).astype(int)  # fmt: skip
-    columns = gram[np.ix_(rest, rest)]
-    off, cross = np.zeros((0, 0)), np.zeros((0, rest.size))
-    if base.size:
-        off, _ = _orthonormal(gram[np.ix_(base, base)], BASE_CUT)
-        cross = off @ gram[np.ix_(base, rest)]
-        columns = columns - cross.T @ cross
-    f, u = lay.fine, lay.generic
-    axes, coordinates = _orthonormal(columns, KEEP)
-    fine, generic = coordinates[:, :f], coordinates[:, f : f + u]
-    law = generic[:, linear.law > 0] * np.sqrt(linear.law[linear.law > 0])
-    return Axes(base, rest, off, cross, axes, Reduced(
-        fine, generic, coordinates[:, f + u :], law, np.zeros(0), 0.0,
-        _unit(columns[:f, :f], len(axes)), _unit(columns[f : f + u, f : f + u], len(axes)),
-        linear.most,
-        Covariance(fine, generic, law),
-    ))  # fmt: skip
-
-
-def _orthonormal(gram: FloatArray, cut: float) -> tuple[FloatArray, FloatArray]:
-    """An orthonormal basis of columns, from their Gram matrix (n, n); both shapes (m, n).
-
-    First what each direction takes of which column, then the columns in it. Columns of unit length
-    of which less than ``cut`` (squared) is left by those before are no directions: a Cholesky
-    factor with pivots, for a basis of eigenvectors takes ten times as long.
-    """
-    length = np.sqrt(np.maximum(np.diag(gram), 0.0))
-    length[length == 0.0] = 1.0
-    upper, pivots, rank, _ = lapack.dpstrf(gram / np.outer(length, length), tol=cut)
-    pivots, upper = pivots - 1, np.triu(upper[:rank])
-    inverse, _ = lapack.dtrtri(upper[:, :rank])
-    takes, columns = np.zeros((rank, len(gram))), np.empty((rank, len(gram)))
-    takes[:, pivots[:rank]] = inverse.T
-    columns[:, pivots] = upper
-    return takes / length, columns * length
-
-
-def _unit(gram: FloatArray, rank: int) -> float:
-    """Variance at which the strongest tenth of the directions stand out of the noise."""
-    values = np.linalg.eigvalsh(gram)[::-1] if gram.size else np.zeros(1)
-    return 1.0 / max(float(np.mean(values[: max(3, min(rank, values.size) // 10)])), 1e-300)
-
-
-def covariance_of(reduced: Reduced, scales: tuple[float, float]) -> FloatArray:
-    """Noise, fine thresholds and dictionary together, shape (m, m)."""
-    return reduced.covariance.of(scales)
 
 
 class Seen(NamedTuple):
@@ -251,12 +65,15 @@ class Likelihood:
         row = self.reduced.covariance.row(self.scales_at((i, 0))[0])
         if row is None:
             return []
-        k = y.shape[1]
-        both = np.empty((y.shape[0], k + self.reduced.trials.shape[1]), order="F")
-        both[:, :k], both[:, k:] = y, self.reduced.trials
+        k, n = y.shape[1], len(row.lower)
+        trials = self.reduced.trials
+        both = np.empty((n, k + trials.shape[1]), order="F")
+        both[:, :k], both[:, k:] = y[:n], trials[:n]
         white, _ = lapack.dtrtrs(row.lower, both, lower=1, overwrite_b=1)
         w, t = white[:, :k], white[:, k:]
         square, gram, along = np.einsum("ik,ik->k", w, w), t.T @ t, t.T @ w
+        w, t = y[n:], trials[n:]  # beside the frame's basis there is nothing but noise
+        square, gram, along = square + np.einsum("ik,ik->k", w, w), gram + t.T @ t, along + t.T @ w
         parts = row.turned @ white
         w, t = parts[:, :k], parts[:, k:]
         scales = np.array([self.scales_at((i, j))[1] for j in range(GRID.size)])[:, None]
@@ -273,7 +90,9 @@ class Likelihood:
         """Residuals (m, count) such as a pair of scales makes expect."""
         factor = self.reduced.covariance.factor(self.scales_at(cell))
         assert factor is not None
-        return np.asarray(factor @ rng.standard_normal((self.reduced.z.size, count)))
+        out = rng.standard_normal((self.reduced.z.size, count))
+        out[: len(factor)] = factor @ out[: len(factor)]
+        return out
 
     def evidence(self, columns: Sequence[int] = ()) -> float:
         """Log of the likelihood of all data with some trial columns free, scales profiled."""

@@ -1,4 +1,9 @@
-"""Gram matrices about a point, piece by piece: what every decision is made from."""
+"""Gram matrices about a point, piece by piece: what every decision is made from.
+
+Most columns are the same for many points: what the bands of the element tables do, and the fixed
+ones. They make a `Frame`, with their products. A point brings its stage parameters, trials and the
+residual along, a few columns, and their products with the frame and with each other: a `Linear`.
+"""
 
 from __future__ import annotations
 
@@ -9,10 +14,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from piezo_rig.chain import Model
 from piezo_rig.diagnosis.cells import Cells
 
 FloatArray = NDArray[np.float64]
 Key = tuple[object, ...]
+Pieces = Sequence[int] | None  # None: all of them
 
 
 @dataclass(frozen=True)
@@ -60,11 +67,53 @@ class Bands:
 
 
 @dataclass(frozen=True, eq=False)
+class Frame:
+    """Columns that many points share, in the order bands, powers, fine, generic.
+
+    Attributes
+    ----------
+    bands, fixed : piece by piece
+    recordings : shape (k,), of each piece; unwhitened products count every one
+    counts : how many powers, fine and generic columns there are
+    reduced : of `likelihood.reduce`, for all points
+    """
+
+    bands: tuple[Bands, ...]
+    fixed: tuple[Fixed, ...]
+    recordings: tuple[int, ...]
+    counts: tuple[int, int, int]
+    reduced: dict[Key, Any] = field(default_factory=dict)
+    _raw: dict[Key | None, FloatArray] = field(default_factory=dict)
+
+    @property
+    def compliances(self) -> int:
+        """How many bands there are."""
+        return len(self.bands[0].gram)
+
+    def gram(self, pieces: Pieces = None) -> FloatArray:
+        """Of the whitened columns, shape (b + m, b + m), over some of the pieces or all."""
+        return joined(
+            summed([b.gram for b in self.bands], pieces),
+            summed([b.cross for b in self.bands], pieces),
+            summed([f.gram for f in self.fixed], pieces),
+        )
+
+    def raw(self, pieces: Pieces = None) -> FloatArray:
+        """Of the unwhitened bands, shape (b, b); not to be written to."""
+        key = None if pieces is None else tuple(pieces)
+        if key not in self._raw:
+            each = zip(self.bands, self.recordings, strict=True)
+            self._raw[key] = summed([times * b.raw_gram for b, times in each], pieces)
+        return self._raw[key]
+
+
+@dataclass(frozen=True, eq=False)
 class Layout:
     """Where which columns are: base, powers, fine, generic, trials.
 
-    ``twice`` : how many of the powers the base holds already, as coefficients of a bend. Projected
-    off once more they would take along what rounding makes of them.
+    ``twice`` : how many of the base, those behind the bands, the powers hold already: the
+    coefficients of a bend. Projected off once more they would take along what rounding makes of
+    them
     """
 
     base: int
@@ -74,55 +123,70 @@ class Layout:
     trials: int
     twice: int = 0
 
-    def part(self, name: str) -> slice:
-        at = 0
-        for key in ("base", "powers", "fine", "generic", "trials"):
-            n = int(getattr(self, key))
-            if key == name:
-                return slice(at, at + n)
-            at += n
-        raise KeyError(name)
-
 
 class Rows(NamedTuple):
-    """Base columns of one piece: those of the bands, shared, and the others of a point."""
+    """Base columns (k, n) of one piece behind the bands, and the residual (n,)."""
 
-    bands: Bands
     white: FloatArray
     raw: FloatArray
+    left: FloatArray
+    raw_left: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
 class Linear:
-    """Gram matrices about one point, per piece.
+    """What a point adds to a frame, per piece.
+
+    Its own columns are the base behind the bands (coefficients, stage parameters), then trials.
 
     Attributes
     ----------
-    white : k of shape (c, c), columns as `Layout` says
-    residual : k of shape (c + 1,), its products with the columns, and with itself
-    raw : k of shape (p + 1, p + 1), unwhitened base columns and residual, um^2 summed over samples
+    frame : what it shares with other points
+    cross : shape (k, o, b + m), whitened own columns with those of the frame
+    own : shape (k, o, o), with each other
+    residual : shape (k, b + m + o + 1), the whitened residual with the frame, the own columns and
+        itself
+    raw_cross, raw_own : shapes (k, p - b, b) and (k, p - b, p - b), unwhitened base columns
+    raw_residual : shape (k, p + 1), with the base and itself, um^2 summed over samples
     count : shape (k,), recordings x thinned samples
     law : shape (generic,), variance of each dictionary column that the freedom of the accepted
         causes' assumed laws gives it, um^2
     most : variances of fine thresholds and of the dictionary that are not exceeded
     made_for : which columns of the space they are about
-    rows : per piece the whitened and the unwhitened base columns, for another residual
+    rows : per piece the whitened and the unwhitened vectors
+    model : which the residual is of
     axes : of `likelihood.reduce`, which do not depend on the residual
     """
 
     layout: Layout
-    white: tuple[FloatArray, ...]
-    residual: tuple[FloatArray, ...]
-    raw: tuple[FloatArray, ...]
+    frame: Frame
+    cross: FloatArray
+    own: FloatArray
+    residual: FloatArray
+    raw_cross: FloatArray
+    raw_own: FloatArray
+    raw_residual: FloatArray
     count: FloatArray
     law: FloatArray
     rows: tuple[Rows, ...] = ()
     made_for: Key = ()
+    model: Model | None = None
     most: tuple[float, float] = (np.inf, np.inf)
     axes: dict[Key, Any] = field(default_factory=dict)
 
+    def raw(self, pieces: Pieces = None) -> FloatArray:
+        """Unwhitened base columns and residual with each other, shape (p + 1, p + 1)."""
+        p, b = self.layout.base, self.frame.compliances
+        out = np.empty((p + 1, p + 1))
+        out[:b, :b] = self.frame.raw(pieces)
+        out[b:p, :b] = summed(self.raw_cross, pieces)
+        out[:b, b:p] = out[b:p, :b].T
+        out[b:p, b:p] = summed(self.raw_own, pieces)
+        out[p] = out[:, p] = summed(self.raw_residual, pieces)
+        return out
 
-def summed(parts: Sequence[FloatArray], pieces: Sequence[int] | None = None) -> FloatArray:
+
+def summed(parts: Sequence[FloatArray] | FloatArray, pieces: Pieces = None) -> FloatArray:
     """The sum over some of the pieces, or all; never one of them itself."""
     first, *others = range(len(parts)) if pieces is None else pieces
     out = parts[first].copy()
@@ -134,19 +198,6 @@ def summed(parts: Sequence[FloatArray], pieces: Sequence[int] | None = None) -> 
 def no_bands(samples: int, fixed: int) -> Bands:
     none, empty = np.zeros((0, samples)), np.zeros((0, 0))
     return Bands(none, none, empty, empty, np.zeros((0, fixed)))
-
-
-def assembled(own: FloatArray, cross: FloatArray, fixed: FloatArray, p: int) -> FloatArray:
-    """Columns in the order base, fixed, trials."""
-    m = fixed.shape[0]
-    out = np.empty((own.shape[0] + m, own.shape[0] + m))
-    base, theirs, rest = slice(0, p), slice(p, p + m), slice(p + m, None)
-    for mine, here in ((base, slice(0, p)), (rest, slice(p, None))):
-        out[mine, base], out[mine, rest] = own[here, :p], own[here, p:]
-        out[mine, theirs] = cross[here]
-        out[theirs, mine] = cross[here].T
-    out[theirs, theirs] = fixed
-    return out
 
 
 def joined(first: FloatArray, cross: FloatArray, second: FloatArray) -> FloatArray:

@@ -14,7 +14,7 @@ from piezo_rig.diagnosis.early.monitor import LAG, SKEW
 from piezo_rig.diagnosis.fit import Point
 from piezo_rig.diagnosis.forms import beside_kinks
 from piezo_rig.diagnosis.ladder import Ladder, Step
-from piezo_rig.diagnosis.likelihood import reduce
+from piezo_rig.diagnosis.reduction import reduce
 from piezo_rig.diagnosis.refit import Fitted, playable, refit, settle
 from piezo_rig.diagnosis.scan import VISIBLE, context_of
 from piezo_rig.diagnosis.space import Space

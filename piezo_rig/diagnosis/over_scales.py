@@ -10,7 +10,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from piezo_rig.diagnosis.likelihood import Likelihood, reduce
+from piezo_rig.diagnosis.likelihood import Likelihood
+from piezo_rig.diagnosis.reduction import reduce
 from piezo_rig.diagnosis.refit import Fitted, parameter_step
 
 FloatArray = NDArray[np.float64]
@@ -32,5 +33,4 @@ def over_scales(fitted: Fitted) -> FloatArray:
     for scales, weight in kept.items():
         moved, covariance = parameter_step(point, linear, scales, held=True)
         out += weight / total * (covariance + np.outer(moved, moved))
-    likelihood.reduced.covariance.forget()
     return out

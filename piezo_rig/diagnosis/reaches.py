@@ -68,12 +68,12 @@ def over_reaches(space: Space, fitted: Fitted, id: str) -> tuple[Fitted, Interva
     names = [n for i, n in fitted.point.names if i == id]
     if not isinstance(stage, Cause) or "reach" not in names or fitted.point.fixed:
         return fitted, {}
-    tried = _all_about(space, fitted, id)
+    tried = _all_about(space, fitted, id, fitted.evidence)
     form = {"taper": 1.0 - stage["taper"]}
     other = at_values(space, fitted, id, form, fitted.linear)
-    least = max(_worth(f, id) for f in tried) - FAR
-    if other is not fitted and _worth(other, id) > least:
-        tried += _all_about(space, other, id)
+    most = max(_worth(f, id) for f in tried)
+    if other is not fitted and _worth(other, id) > most - FAR:
+        tried += _all_about(space, other, id, most)
     tried = [fitted, *(f for f in tried[1:] if _inside(f, id))]
     most = max(_worth(f, id) for f in tried)
     near = []
@@ -95,20 +95,29 @@ def over_reaches(space: Space, fitted: Fitted, id: str) -> tuple[Fitted, Interva
     }
 
 
-def _all_about(space: Space, fitted: Fitted, id: str) -> list[Fitted]:
-    """Fits for reach after reach, to either side until the data allow no more."""
-    both = [partial(_to_one_side, space, fitted, id, factor) for factor in (STEP, 1.0 / STEP)]
+def _all_about(space: Space, fitted: Fitted, id: str, most: float) -> list[Fitted]:
+    """Fits for reach after reach, to either side until the data allow no more.
+
+    ``most`` : evidence that is known from elsewhere
+    """
+    both = [partial(_to_one_side, space, fitted, id, most, by) for by in (STEP, 1.0 / STEP)]
     return [fitted, *(f for side in abreast(space, both, fitted.parts) for f in side)]
 
 
-def _to_one_side(space: Space, fitted: Fitted, id: str, factor: float) -> list[Fitted]:
-    out, best, here = [], fitted.evidence, fitted
+def _to_one_side(
+    space: Space, fitted: Fitted, id: str, most: float, factor: float
+) -> list[Fitted]:
+    """Until it is worth far less than the best, and no longer more than the one before."""
+    out, here = [], fitted
     for k in range(MOST):
         reach = {"reach": factor * _stage(here, id)["reach"]}
         there = at_values(space, here, id, reach, here.linear)
-        if there is here or (k >= LEAST and there.evidence < best - NEGLIGIBLE):
+        rising = there.evidence > here.evidence + BETTER
+        if there is here or (
+            k >= LEAST and there.evidence < most - NEGLIGIBLE and not rising
+        ):  # fmt: skip
             break
-        best, here = max(best, there.evidence), there
+        most, here = max(most, there.evidence), there
         out.append(there)
     return out
 

@@ -16,10 +16,11 @@ from scipy.linalg import lapack
 
 from piezo_rig.causes.cause import Cause
 from piezo_rig.chain import Model, Stage
+from piezo_rig.diagnosis.columns import near_to, numbers_of
 from piezo_rig.diagnosis.fit import Point, smoothness
-from piezo_rig.diagnosis.likelihood import Likelihood, Reduced, reduce
-from piezo_rig.diagnosis.likelihood import covariance_of as covariance_of
-from piezo_rig.diagnosis.linear import Linear, summed
+from piezo_rig.diagnosis.likelihood import Likelihood
+from piezo_rig.diagnosis.linear import Linear
+from piezo_rig.diagnosis.reduction import Reduced, reduce
 from piezo_rig.diagnosis.space import Space
 from piezo_rig.errors import InputError
 
@@ -72,7 +73,7 @@ def element_step(
     point: Point, linear: Linear, pieces: Sequence[int] | None, moved: FloatArray
 ) -> FloatArray:
     """Change (p,) of the compliances once stage parameters have moved by ``moved`` (q,)."""
-    raw = summed(linear.raw, pieces)
+    raw = linear.raw(pieces)
     n = point.linear
     if n == 0:
         return np.zeros(0)
@@ -93,7 +94,7 @@ def smooth_weight(point: Point, linear: Linear, pieces: Sequence[int] | None = N
     """
     if not point.compliances:
         return 0.0
-    raw = summed(linear.raw, pieces)
+    raw = linear.raw(pieces)
     values, n = point.values(), point.linear
     count = linear.count.sum() if pieces is None else linear.count[list(pieces)].sum()
     left = raw[-1, -1] / max(count, 1.0)
@@ -154,8 +155,10 @@ def _information(
     if factor is None:
         raise np.linalg.LinAlgError("the covariance has no factor")
     both = np.column_stack([columns, reduced.z])
-    solved, _ = lapack.dpotrs(factor, both, lower=1)
-    return columns.T @ solved[:, :-1], columns.T @ solved[:, -1]
+    n = len(factor)
+    both[:n], _ = lapack.dtrtrs(factor, both[:n], lower=1)
+    white, z = both[:, :-1], both[:, -1]
+    return white.T @ white, white.T @ z
 
 
 def refit(
@@ -173,10 +176,7 @@ def refit(
     anew : but for the parameters of this stage
     """
     settle(space, point)
-    if near:
-        linear = space.with_residual(space.about(point, near, anew), point)
-    else:
-        linear = space.linear(point)
+    linear = space.about(point, near, anew) if near else space.linear(point)
     scales, covariance = (0.0, 0.0), np.zeros((0, 0))
     begun, q = point, len(point.sizes)
     for step in range(steps):
@@ -204,7 +204,6 @@ def refit(
     used = [c for c, (id, n) in zip(columns, point.names, strict=True)
             if not (held and _optional(point, id, n))]  # fmt: skip
     evidence = likelihood.evidence(used)
-    likelihood.reduced.covariance.forget()
     space.keep(point, linear)
     return Fitted(point, space, covariance, scales, evidence)
 
@@ -223,8 +222,10 @@ def settle(space: Space, point: Point) -> None:
     """Bring the columns of a space to a model, and what its assumed laws leave open."""
     space.first_rise, space.held = point.has_first_rise, bool(point.fixed)
     space.prepare(point.model)
-    if space.law_of is not point.model:
-        space.law, space.law_of = laws_of(space, point.model), point.model
+    lawful = [s for s in point.model.stages if isinstance(s, Cause) and s.law[0]]
+    key = tuple(s.id for s in point.model.stages), tuple(numbers_of(s) for s in lawful)
+    if space.law_of is None or space.law_of[0] != key[0] or not near_to(space.law_of[1], key[1]):
+        space.law, space.law_of = laws_of(space, point.model), key
 
 
 def _likelihood(point: Point, linear: Linear) -> tuple[Likelihood, range]:

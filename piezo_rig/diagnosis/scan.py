@@ -13,8 +13,9 @@ from piezo_rig.causes.cause import Cause, Context
 from piezo_rig.chain import Model, Stage
 from piezo_rig.diagnosis import dictionary
 from piezo_rig.diagnosis.fit import Point
-from piezo_rig.diagnosis.likelihood import Likelihood, Reduced, reduce
-from piezo_rig.diagnosis.refit import Fitted, covariance_of
+from piezo_rig.diagnosis.likelihood import Likelihood
+from piezo_rig.diagnosis.reduction import Reduced, covariance_of, reduce
+from piezo_rig.diagnosis.refit import Fitted
 from piezo_rig.diagnosis.scores import score
 from piezo_rig.diagnosis.space import Space
 

@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 
 from piezo_rig.chain import Model
 from piezo_rig.diagnosis import held
-from piezo_rig.diagnosis.columns import Columns
+from piezo_rig.diagnosis.columns import Columns, Numbers
 from piezo_rig.diagnosis.fit import Point
 from piezo_rig.diagnosis.groups import Group
-from piezo_rig.diagnosis.linear import Bands, Layout, Linear, Rows, assembled, joined
+from piezo_rig.diagnosis.linear import Frame, Key, Layout, Linear, Rows
 
 FloatArray = NDArray[np.float64]
 
@@ -27,9 +27,12 @@ FloatArray = NDArray[np.float64]
 class _Row(NamedTuple):
     """Of one piece: what `Linear` holds of all."""
 
-    white: FloatArray
+    cross: FloatArray
+    own: FloatArray
     residual: FloatArray
-    raw: FloatArray
+    raw_cross: FloatArray
+    raw_own: FloatArray
+    raw_residual: FloatArray
     weight: float
     rows: Rows
 
@@ -40,7 +43,7 @@ class Space(Columns):
 
     own_um: float = np.inf  # how far off a given model was where it was identified, rms
     law: FloatArray = field(default_factory=lambda: np.zeros(0))
-    law_of: Model | None = None
+    law_of: tuple[Key, tuple[Numbers, ...]] | None = None  # the stages it is about
     excluded: dict[str, str] = field(default_factory=dict)  # causes not looked for, and why
     longest: dict[str, float] = field(default_factory=dict)  # s, of causes that last: see `Cause`
     _tangents: dict[int, tuple[Group, Point, FloatArray]] = field(default_factory=dict)
@@ -59,14 +62,16 @@ class Space(Columns):
         return known[1] if known is not None else None
 
     def about(self, point: Point, near: Linear, anew: str = "") -> Linear:
-        """Gram matrices about a point: those of a point near by, if of the same columns.
+        """Products about a point: those of a point near by, if of the same columns.
 
         ``anew`` : stage whose parameters' columns are made about the point itself
         """
         if not near.rows or near.made_for != self.made_for:
             return self.linear(point)
         numbers = point.of_stage(anew)
-        return self._with_columns(near, point, numbers) if numbers else near
+        if numbers and near.model is not None:
+            return self._with_columns(near, near.model, point, numbers)
+        return near if near.model is point.model else self.with_residual(near, point)
 
     def linear(self, point: Point, trials: Sequence[tuple[Model, Model]] = ()) -> Linear:
         """Gram matrices about a point.
@@ -77,45 +82,51 @@ class Space(Columns):
         """
         p = point.values().size
         layout = Layout(p, *self.counts, len(trials), len(point.coefficients))
-        bands = self.bands(point)
+        frame = self.frame(point)
         point.neighbours(point.others)  # known before threads ask for them
 
         def about(index: int) -> list[_Row]:
-            return self._about(index, point, trials, bands)
+            return self._about(index, point, trials, frame)
 
         found = self.each_group(about)
-        law = self.law if self.law.size else np.zeros(self.counts[2])
         return Linear(
-            layout, tuple(r.white for r in found), tuple(r.residual for r in found),
-            tuple(r.raw for r in found),
-            np.array([r.weight for r in found]), law, tuple(r.rows for r in found), self.made_for,
+            layout, frame,
+            np.array([r.cross for r in found]), np.array([r.own for r in found]),
+            np.array([r.residual for r in found]), np.array([r.raw_cross for r in found]),
+            np.array([r.raw_own for r in found]), np.array([r.raw_residual for r in found]),
+            np.array([r.weight for r in found]), self._law, tuple(r.rows for r in found),
+            self.made_for, point.model,
             held.most(self.pieces, self.fixed, self.counts, self.own_um),
         )  # fmt: skip
 
+    @property
+    def _law(self) -> FloatArray:
+        return self.law if self.law.size else np.zeros(self.counts[2])
+
     def _about(
-        self, index: int, point: Point, trials: Sequence[tuple[Model, Model]], bands: list[Bands]
+        self, index: int, point: Point, trials: Sequence[tuple[Model, Model]], frame: Frame
     ) -> list[_Row]:
-        """Gram matrices of one group's pieces."""
-        group, p, out = self.groups.groups[index], point.values().size, []
+        """Products of one group's pieces."""
+        group, base, out = self.groups.groups[index], len(point.others), []
         moving = self.moving(group, point, trials)
         for at, piece in enumerate(self.pieces):
             if piece.group != index:
                 continue
             cut = moving[:, piece.begin : piece.end]
-            fixed, base = self.fixed[at], bands[at]
-            k = len(base.white)
+            bands, fixed = frame.bands[at], frame.fixed[at]
             white = self.whiten(cut, at)
-            known = base.white @ white.T
-            gram = joined(base.gram, known, white @ white.T)
-            cross = np.concatenate([base.cross, white @ fixed.white.T])
-            own = piece.cells.centred(np.concatenate([cut[: p - k], cut[-1:]]))
-            known = base.raw @ own.T
+            cross = np.concatenate([white @ bands.white.T, white @ fixed.white.T], axis=1)
+            own = white @ white.T
+            bare = piece.cells.centred(np.concatenate([cut[:base], cut[-1:]]))
+            raw_cross = group.repeats * bare @ bands.raw.T
+            raw_own = group.repeats * bare @ bare.T
             out.append(_Row(
-                assembled(gram[:-1, :-1], cross[:-1], fixed.gram, p),
-                np.concatenate([gram[-1, :p], cross[-1], gram[-1, p:]]),
-                group.repeats * joined(base.raw_gram, known, own @ own.T),
+                cross[:-1], own[:-1, :-1],
+                np.concatenate([cross[-1], own[-1]]),
+                raw_cross[:-1], raw_own[:-1, :-1],
+                np.concatenate([raw_cross[-1], raw_own[-1]]),
                 float(group.repeats * piece.cells.share.sum()),
-                Rows(base, white[: p - k].copy(), own[:-1]),
+                Rows(white[:base].copy(), bare[:-1], white[-1].copy(), bare[-1]),
             ))  # fmt: skip
         return out
 
@@ -124,8 +135,7 @@ class Space(Columns):
 
         ``leave`` : number of the recording of every group that is left out of its mean
         """
-        residual, raws, at = list[FloatArray](), list[FloatArray](), 0
-        p = linear.layout.base
+        residual, raws, kept, at = list[FloatArray](), list[FloatArray](), list[Rows](), 0
         for index, group in enumerate(self.groups.groups):
             rows = list(range(group.repeats))
             if leave is not None and group.repeats > 1:
@@ -137,52 +147,72 @@ class Space(Columns):
                 if piece.group != index:
                     continue
                 cut = left[piece.begin : piece.end]
-                r = self.whiten(cut[None], at)[0]
-                base, own, bare = linear.rows[at]
+                r, bare = self.whiten(cut[None], at)[0], piece.cells.centred(cut[None])[0]
+                bands, fixed, own = linear.frame.bands[at], linear.frame.fixed[at], linear.rows[at]
                 residual.append(np.concatenate(
-                    [base.white @ r, own @ r, self.fixed[at].white @ r, [r @ r]]
+                    [bands.white @ r, fixed.white @ r, own.white @ r, [r @ r]]
                 ))  # fmt: skip
-                cut = piece.cells.centred(cut[None])[0]
-                cross = group.repeats * np.concatenate([base.raw @ cut, bare @ cut])
-                raw = linear.raw[at].copy()
-                raw[:p, -1] = raw[-1, :p] = cross
-                raw[-1, -1] = group.repeats * cut @ cut
-                raws.append(raw)
+                raws.append(group.repeats * np.concatenate(
+                    [bands.raw @ bare, own.raw @ bare, [bare @ bare]]
+                ))  # fmt: skip
+                kept.append(own._replace(left=r, raw_left=bare))
                 at += 1
-        return replace(linear, residual=tuple(residual), raw=tuple(raws))
+        return replace(
+            linear, residual=np.array(residual), raw_residual=np.array(raws), rows=tuple(kept),
+            model=None if leave is not None else point.model,
+        )  # fmt: skip
 
-    def _with_columns(self, near: Linear, point: Point, numbers: Sequence[int]) -> Linear:
-        """The same with some columns about another point (no trials; the residual is not)."""
-        first, p, each = point.compliances, near.layout.base, list(numbers)
-        point.neighbours(each)  # known before threads ask for them
+    def _with_columns(
+        self, near: Linear, before: Model, point: Point, numbers: Sequence[int]
+    ) -> Linear:
+        """The same with some columns and the residual about another point (no trials).
+
+        ``before`` : the model that the known residual is of. What lies between the two is played
+        thinned, as tangents are.
+        """
+        here = [j - point.compliances for j in numbers]
+        point.neighbours(list(numbers))  # known before threads ask for them
+        frame = near.frame
 
         def about(index: int) -> list[tuple[Rows, FloatArray, FloatArray]]:
             group, out = self.groups.groups[index], []
             short, inside = self.groups.short(group)
-            tangent = point.tangent(short, each)[:, inside]
+            change = short.predicted(point.model) - short.predicted(before)
+            moved = np.vstack([point.tangent(short, list(numbers)), change])[:, inside]
             for at, piece in enumerate(self.pieces):
                 if piece.group != index:
                     continue
-                cut = tangent[:, piece.begin : piece.end]
-                bands, white, raw = near.rows[at]
-                white, raw = white.copy(), raw.copy()
-                gram, raw_gram = near.white[at].copy(), near.raw[at].copy()
-                here = [j - first for j in each]
-                white[here], raw[here] = self.whiten(cut, at), piece.cells.centred(cut)
-                w, r = white[here].T, raw[here].T
-                gram[:, each] = np.concatenate([bands.white @ w, white @ w,
-                                                self.fixed[at].white @ w])  # fmt: skip
-                gram[each] = gram[:, each].T
-                raw_gram[:p, each] = group.repeats * np.concatenate([bands.raw @ r, raw @ r])
-                raw_gram[each, :p] = raw_gram[:p, each].T
-                out.append((Rows(bands, white, raw), gram, raw_gram))
+                cut, known = moved[:, piece.begin : piece.end], near.rows[at]
+                w, r = self.whiten(cut, at), piece.cells.centred(cut)
+                white, raw = known.white.copy(), known.raw.copy()
+                white[here], raw[here] = w[:-1], r[:-1]
+                out.append((
+                    Rows(white, raw, known.left - w[-1], known.raw_left - r[-1]),
+                    np.hstack([w @ frame.bands[at].white.T, w @ frame.fixed[at].white.T]),
+                    frame.recordings[at] * r @ frame.bands[at].raw.T,
+                ))  # fmt: skip
             return out
 
-        found = self.each_group(about)
-        law = self.law if self.law.size else np.zeros(self.counts[2])
+        cross, own, residual = near.cross.copy(), near.own.copy(), near.residual.copy()
+        raw_cross, raw_own = near.raw_cross.copy(), near.raw_own.copy()
+        raw_residual, kept = near.raw_residual.copy(), list[Rows]()
+        m, b = cross.shape[2], raw_cross.shape[2]
+        for at, (rows, of_frame, of_bands) in enumerate(self.each_group(about)):
+            kept.append(rows)
+            cross[at, here], raw_cross[at, here] = of_frame[:-1], of_bands[:-1]
+            residual[at, :m] -= of_frame[-1]
+            raw_residual[at, :b] -= of_bands[-1]
+            both = np.vstack([rows.white, rows.left])
+            bare, times = np.vstack([rows.raw, rows.raw_left]), frame.recordings[at]
+            own[at, here] = rows.white[here] @ rows.white.T
+            own[at, :, here] = own[at, here]
+            raw_own[at, here] = times * rows.raw[here] @ rows.raw.T
+            raw_own[at, :, here] = raw_own[at, here]
+            residual[at, m:] = both @ rows.left
+            raw_residual[at, b:] = times * bare @ rows.raw_left
         return replace(
-            near, white=tuple(g for _, g, _ in found), raw=tuple(r for *_, r in found),
-            rows=tuple(rows for rows, *_ in found), law=law, axes={},
+            near, cross=cross, own=own, residual=residual, raw_cross=raw_cross, raw_own=raw_own,
+            raw_residual=raw_residual, rows=tuple(kept), model=point.model, law=self._law, axes={},
         )  # fmt: skip
 
     def moving(

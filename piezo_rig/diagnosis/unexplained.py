@@ -9,9 +9,10 @@ from numpy.typing import NDArray
 
 from piezo_rig.diagnosis import dictionary
 from piezo_rig.diagnosis.early.lines import Line
-from piezo_rig.diagnosis.likelihood import Likelihood, Reduced, reduce
+from piezo_rig.diagnosis.likelihood import Likelihood
 from piezo_rig.diagnosis.linear import Linear
-from piezo_rig.diagnosis.refit import Fitted, covariance_of
+from piezo_rig.diagnosis.reduction import Reduced, reduce
+from piezo_rig.diagnosis.refit import Fitted
 from piezo_rig.diagnosis.scan import LEVEL
 from piezo_rig.diagnosis.scores import score_generic
 from piezo_rig.diagnosis.space import Space
@@ -101,7 +102,8 @@ def with_line(rest: Unexplained, line: Line | None, floor_nm: float | None) -> U
 
 def _parts(reduced: Reduced, scales: tuple[float, float]) -> tuple[FloatArray, FloatArray]:
     """Best linear prediction of the dictionary's and the fine thresholds' shares."""
-    solved = np.linalg.solve(covariance_of(reduced, scales), reduced.z)
+    n = len(reduced.fine)
+    solved = np.linalg.solve(reduced.covariance.of(scales), reduced.z[:n])
     return scales[1] * reduced.generic.T @ solved, scales[0] * reduced.fine.T @ solved
 
 
@@ -110,8 +112,8 @@ def _left_of(space: Space, linear: Linear) -> FloatArray:
     base = fixed = cross = np.zeros(0)
     for at, piece in enumerate(space.pieces):
         weight = space.groups.groups[piece.group].repeats
-        rows, raw = linear.rows[at], space.fixed[at].raw.astype(float)
-        own = np.concatenate([rows.bands.raw, rows.raw])
+        raw = space.fixed[at].raw.astype(float)
+        own = np.concatenate([linear.frame.bands[at].raw, linear.rows[at].raw])
         parts = (weight * own @ own.T, weight * raw @ raw.T, weight * own @ raw.T)
         base, fixed, cross = (
             parts if at == 0 else (base + parts[0], fixed + parts[1], cross + parts[2])

@@ -1,36 +1,39 @@
 """The likelihood over both scales: factors shared along the grid, and the climb over it."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from piezo_rig.diagnosis.likelihood import GRID, Likelihood, reduce
-from piezo_rig.diagnosis.linear import Layout, Linear
+from piezo_rig.diagnosis.likelihood import GRID, Likelihood
+from piezo_rig.diagnosis.linear import Linear
 from piezo_rig.diagnosis.noise import Spectrum, Whitener
+from piezo_rig.diagnosis.reduction import covariance_of, reduce
+from tests.diagnosis.columns_at_hand import linear_of
 
-BASE, FINE, GENERIC, TRIALS, SAMPLES = 4, 12, 9, 3, 400
+BANDS, OWN, FINE, GENERIC, TRIALS, SAMPLES = 3, 1, 12, 9, 3, 400
+SHARED = BANDS + FINE + GENERIC
 
 
-def linear_of(seed: int, fine: float, generic: float) -> tuple[Linear, np.ndarray, np.ndarray]:
+def problem(seed: int, fine: float, generic: float) -> tuple[Linear, np.ndarray, np.ndarray]:
     """Random columns, and a residual with so much of the fine and the generic ones in it."""
     rng = np.random.default_rng(seed)
-    columns = rng.standard_normal((BASE + FINE + GENERIC + TRIALS, SAMPLES))
-    a, b = columns[BASE : BASE + FINE], columns[BASE + FINE : BASE + FINE + GENERIC]
+    columns = rng.standard_normal((SHARED + OWN + TRIALS, SAMPLES))
+    a, b = columns[BANDS : BANDS + FINE], columns[BANDS + FINE : SHARED]
     z = rng.standard_normal(SAMPLES) + 3.0 * columns[-1] * (seed % 2)
     z += fine * rng.standard_normal(FINE) @ a + generic * rng.standard_normal(GENERIC) @ b
-    layout = Layout(BASE, 0, FINE, GENERIC, TRIALS)
-    residual = np.append(columns @ z, z @ z)
-    linear = Linear(layout, (columns @ columns.T)[None], residual[None], np.zeros((1, 5, 5)),
-                    np.array([float(SAMPLES)]), np.zeros(GENERIC))  # fmt: skip
-    return linear, columns, z
+    return linear_of(columns, z, BANDS, OWN, FINE, GENERIC), columns, z
 
 
 def direct(likelihood: Likelihood, columns: np.ndarray, z: np.ndarray, free: list[int]):
     """Log-likelihood (8, 8) in the space of the samples, the base and ``free`` projected off."""
     r = likelihood.reduced
-    q, _ = np.linalg.qr(columns[:BASE].T)
+    base = columns[[*range(BANDS), *range(SHARED, SHARED + OWN)]]
+    q, _ = np.linalg.qr(base.T)
     left = columns - columns @ q @ q.T
     z = z - q @ (q.T @ z)
-    fine, generic, trials = np.split(left[BASE:], [FINE, FINE + GENERIC])
+    fine, generic = left[BANDS : BANDS + FINE], left[BANDS + FINE : SHARED]
+    trials = left[SHARED + OWN :]
     out = np.empty((GRID.size, GRID.size))
     for i, a in enumerate(GRID * r.unit_fine):
         for j, b in enumerate(GRID * r.unit_generic):
@@ -48,7 +51,7 @@ def direct(likelihood: Likelihood, columns: np.ndarray, z: np.ndarray, free: lis
 ])  # fmt: skip
 @pytest.mark.parametrize("free", [[], [2], [0, 2]])
 def test_the_climb_finds_the_largest_likelihood_of_the_whole_grid(seed, fine, generic, free):
-    linear, columns, z = linear_of(seed, fine, generic)
+    linear, columns, z = problem(seed, fine, generic)
     likelihood = Likelihood(reduce(linear))
     whole = direct(likelihood, columns, z, free)
     assert likelihood.evidence(free) == pytest.approx(whole.max(), rel=1e-9)
@@ -57,25 +60,48 @@ def test_the_climb_finds_the_largest_likelihood_of_the_whole_grid(seed, fine, ge
     assert likelihood.best_scales(free) == pytest.approx((GRID[i] * units[0], GRID[j] * units[1]))
 
 
+@pytest.mark.parametrize("free", [[], [3], [1], [1, 3]])
+def test_what_is_handed_on_is_not_projected_off_and_the_rest_is(free):
+    """Base columns by number, bands before others; distances as in the space of the samples."""
+    linear, columns, z = problem(3, 0.1, 0.02)
+    place = {i: i if i < BANDS else SHARED + i - BANDS for i in range(BANDS + OWN)}
+    off = columns[[p for i, p in place.items() if i not in free]]
+    q, _ = np.linalg.qr(off.T)
+    left = np.vstack([columns[SHARED + OWN :], columns[[place[i] for i in free]]])
+    left, z = left - left @ q @ q.T, z - q @ (q.T @ z)
+    found = reduce(linear, free=free)
+    assert found.trials.T @ found.trials == pytest.approx(left @ left.T, abs=1e-8)
+    assert found.trials.T @ found.z == pytest.approx(left @ z, abs=1e-8)
+    assert found.z @ found.z + found.extra == pytest.approx(z @ z)
+    fine = columns[BANDS : BANDS + FINE]
+    fine = fine - fine @ q @ q.T
+    covariance = np.eye(SAMPLES) + 0.3 * fine.T @ fine
+    expected = left @ np.linalg.solve(covariance, z)
+    solved = np.linalg.solve(covariance_of(found, (0.3, 0.0)), found.z)
+    assert found.trials.T @ solved == pytest.approx(expected, rel=1e-8, abs=1e-8)
+
+
+def test_points_of_one_frame_share_the_covariance_of_what_they_hand_on_alike():
+    first, columns, z = problem(1, 0.1, 0.1)
+    other = linear_of(columns + np.eye(len(columns), SAMPLES, SHARED), z, BANDS, OWN, FINE, GENERIC)
+    other = replace(other, frame=first.frame)
+    assert reduce(first, free=[BANDS]).covariance is reduce(other, free=[BANDS]).covariance
+    assert reduce(first).covariance is not reduce(other).covariance
+
+
 def test_a_column_that_repeats_another_adds_nothing():
-    linear, _, _ = linear_of(1, 0.1, 0.1)
-    gram = linear.white[0]
-    gram[-2], gram[:, -2] = gram[-1], gram[:, -1].copy()
-    gram[-2, -2] = gram[-1, -1]
-    linear.residual[0, -3] = linear.residual[0, -2]
-    likelihood = Likelihood(reduce(linear))
+    _, columns, z = problem(1, 0.1, 0.1)
+    columns[-2] = columns[-1]
+    likelihood = Likelihood(reduce(linear_of(columns, z, BANDS, OWN, FINE, GENERIC)))
     assert likelihood.evidence([1, 2]) == pytest.approx(likelihood.evidence([2]), rel=1e-9)
 
 
 def test_another_residual_of_the_same_columns_is_reduced_as_if_alone():
-    first, _, _ = linear_of(1, 0.3, 0.0)
+    first, columns, _ = problem(1, 0.3, 0.0)
     reduce(first)
     z = np.random.default_rng(7).standard_normal(SAMPLES)
-    _, columns, _ = linear_of(1, 0.3, 0.0)
-    residual = np.append(columns @ z, z @ z)[None]
-    shared = reduce(Linear(first.layout, first.white, residual, first.raw, first.count, first.law,
-                           axes=first.axes))  # fmt: skip
-    alone = reduce(Linear(first.layout, first.white, residual, first.raw, first.count, first.law))
+    other = linear_of(columns, z, BANDS, OWN, FINE, GENERIC)
+    shared, alone = reduce(replace(first, residual=other.residual)), reduce(other)
     assert np.linalg.norm(shared.z) == pytest.approx(np.linalg.norm(alone.z))
     assert shared.extra == pytest.approx(alone.extra)
     assert Likelihood(shared).evidence() == pytest.approx(Likelihood(alone).evidence())

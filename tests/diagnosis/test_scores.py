@@ -5,8 +5,9 @@ import pytest
 from scipy.stats import chi2
 
 from piezo_rig.diagnosis import scores
-from piezo_rig.diagnosis.likelihood import Likelihood, reduce
-from piezo_rig.diagnosis.linear import Layout, Linear
+from piezo_rig.diagnosis.likelihood import Likelihood
+from piezo_rig.diagnosis.reduction import reduce
+from tests.diagnosis.columns_at_hand import linear_of
 
 LEVEL = 1e-3
 
@@ -19,12 +20,7 @@ def problem(size: float) -> Likelihood:
     own = columns[-1] / np.linalg.norm(columns[-1])
     z = rng.standard_normal(60)
     z += (size - own @ z) * own
-    residual = np.append(columns @ z, z @ z)
-    gram = columns @ columns.T
-    return Likelihood(reduce(Linear(
-        Layout(4, 0, 2, 2, 1), gram[None], residual[None], np.zeros((1, 5, 5)), np.array([60.0]),
-        np.zeros(2),
-    )))  # fmt: skip
+    return Likelihood(reduce(linear_of(columns, z, bands=4, own=0, fine=2, generic=2)))
 
 
 def chances(size: float, seeds: int) -> np.ndarray:

@@ -28,6 +28,7 @@ FloatArray = NDArray[np.float64]
 LAG, SLEW, CLIP, SKEW = "amplifier-lag", "slew-limit", "drive-clipping", "time-skew"
 TWICE = 2.0  # a rise and the next one share a digitizer's errors: every sample counts half
 PLAIN = 40.0  # rise of the misfit without a law that is there to be seen
+NOTHING = 4.0  # the same of one that is not looked at closer
 INSIDE, OUTSIDE = 3.84, 15.0  # rise of the misfit: of a 95 % interval; certainly not so
 LEAST = 1e-302  # chance that is told from none
 FOLLOWS = 0.03  # rms misfit, of the span, above which it is no monitor of this drive
@@ -163,9 +164,9 @@ class _Reader:
         value, x = min(found)
         return _Guess(laws, held, x * step, value)
 
-    def best(self, laws: dict[str, float], law: str, held: bool, near_s: float) -> _Guess:
-        """The best of one more law, or of one that is in."""
-        step = self.corners.step_s
+    def best(self, here: _Guess, law: str, held: bool) -> _Guess:
+        """The best of one more law."""
+        step, laws, near_s = self.corners.step_s, here.laws, here.delay_s
         tried: dict[float, float] = {}
         for x in GRIDS[law]:
             own = laws | {law: float(x)}
@@ -178,7 +179,8 @@ class _Reader:
         early = {x: ((x if law == LAG else 0.0) + 0.5 * held) * step for x in order}
         guesses = [self.guess(laws | {law: float(x)}, held, near_s - early[x]) for x in order]
         start = min(guesses, key=lambda g: g.misfit)
-        return self.refined(start, law)
+        plain = (here.misfit - start.misfit) / TWICE > NOTHING
+        return self.refined(start, law) if plain else start
 
     def refined(self, start: _Guess, law: str) -> _Guess:
         """The misfit's valley over one law's parameter, from near its bottom."""
@@ -214,9 +216,9 @@ class _Reader:
         for law in GRIDS:
             if law in here.laws:
                 continue
-            out.append(self.best(here.laws, law, here.held, here.delay_s))
+            out.append(self.best(here, law, here.held))
             if law == LAG and not here.laws:  # a generator holds each sample until the next
-                held = self.best({}, LAG, True, here.delay_s)
+                held = self.best(here, LAG, True)
                 if held.misfit < out[-1].misfit - TWICE * PLAIN:
                     out[-1] = held
         return out
