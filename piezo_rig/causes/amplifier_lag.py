@@ -29,6 +29,7 @@ class AmplifierLag(Cause):
 
     id = "amplifier-lag"
     place = "drive"
+    together = True
     needs_speeds = True
     lasting: ClassVar[str] = "tau"
     near: ClassVar[float] = NEAR_IN_TIME
@@ -39,10 +40,10 @@ class AmplifierLag(Cause):
         tau = self["tau"]
         if tau <= 0.0:
             return signal
-        from piezo_rig.chain.relaxation import lagged
+        from piezo_rig.chain.relaxation import off_each
 
         time, drive = (np.ascontiguousarray(x) for x in (signal.time_s, signal.drive_v))
-        return signal.with_drive(lagged(time, drive, tau))
+        return signal.with_drive(drive + off_each(signal.begins, time, drive, tau))
 
     def increment(self, branches: Branches) -> Increment | str:
         tau = self["tau"]

@@ -46,6 +46,7 @@ class Creep(Cause):
 
     id = "creep"
     place = "actuator"
+    together = True
     law: ClassVar[tuple[tuple[str, ...], float]] = (("time_since_turn",), 0.01)
     units: ClassVar[Mapping[str, str]] = {"rate_per_decade": "1"}
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {
@@ -64,13 +65,14 @@ class Creep(Cause):
         return np.asarray(self["rate_per_decade"] * weights() * own)
 
     def act(self, signal: Signal) -> Signal:
-        from piezo_rig.chain.relaxation import relaxations
+        from piezo_rig.chain.relaxation import relaxations_each
 
         x = np.ascontiguousarray(signal.displacement_um)
 
         def made() -> FloatArray:
             out = np.empty((x.size, TIMES_S.size))
-            relaxations(np.ascontiguousarray(signal.time_s), x, TIMES_S, out)
+            time = np.ascontiguousarray(signal.time_s)
+            relaxations_each(signal.begins, time, x, TIMES_S, out)
             return out
 
         each = signal.of_displacement.get(self.id, made)

@@ -39,6 +39,7 @@ class DirectionAsymmetry(Cause):
 
     id = "direction-asymmetry"
     place = "actuator"
+    together = True
     law: ClassVar[tuple[tuple[str, ...], float]] = (("direction", "drive+direction"), 0.1)
     units: ClassVar[Mapping[str, str]] = {"ratio": "1"}
     neutral: ClassVar[Mapping[str, float]] = {"ratio": 1.0}
@@ -73,11 +74,11 @@ class DirectionAsymmetry(Cause):
     def act(self, signal: Signal) -> Signal:
         if not self.closes:
             return signal
-        from piezo_rig.chain.stops import stopped
+        from piezo_rig.chain.stops import stopped_each
 
         width, share, fades = self.state
         x = np.ascontiguousarray(signal.displacement_um)
-        stop = stopped(x, width)
+        stop = stopped_each(signal.begins, x, width)
         return signal.with_displacement(
             x - share * (stop * stop / (2.0 * width) if fades else np.abs(stop))
         )

@@ -33,6 +33,7 @@ class DriveClipping(Cause):
 
     id = "drive-clipping"
     place = "drive"
+    together = True
     near: ClassVar[float] = NEAR_AT_A_LIMIT
     units: ClassVar[Mapping[str, str]] = {"lower": "V", "upper": "V"}
     neutral: ClassVar[Mapping[str, float]] = {"lower": -NEVER_V, "upper": NEVER_V}

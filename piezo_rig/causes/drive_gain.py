@@ -31,6 +31,7 @@ class DriveGain(Cause):
 
     id = "drive-gain"
     place = "drive"
+    together = True
     needs_fixed_model = True
     units: ClassVar[Mapping[str, str]] = {"ratio": "1"}
     optional: ClassVar[Mapping[str, str]] = {"stays_v": "V"}  # the drive that stays right

@@ -27,6 +27,7 @@ class PeriodicNonlinearity(Cause):
 
     id = "periodic-nonlinearity"
     place = "sensor"
+    together = True
     units: ClassVar[Mapping[str, str]] = {
         "sine": "nm",
         "cosine": "nm",

@@ -39,6 +39,7 @@ class RateDependence(Cause):
 
     id = "rate-dependence"
     place = "actuator"
+    together = True
     law: ClassVar[tuple[tuple[str, ...], float]] = (("frequency",), 0.05)
     needs_speeds = True
     units: ClassVar[Mapping[str, str]] = {"lag_um": "um", "exponent": "1"}
@@ -57,13 +58,13 @@ class RateDependence(Cause):
         return True
 
     def seen_by_sliders(self, signal: Signal, branches: Branches) -> FloatArray:
-        from piezo_rig.chain.backlash import behind
+        from piezo_rig.chain.backlash import behind_each
 
         if not self.widens:
             return signal.drive_v
         drive = np.ascontiguousarray(signal.drive_v)
         width = self.widens_by_v(branches) * np.abs(self._rate(signal)) ** self["exponent"]
-        return behind(drive, width)
+        return behind_each(signal.begins, drive, width)
 
     def widens_by_v(self, branches: Branches) -> float:
         """Volts by which thresholds widen at `REFERENCE_V_PER_S`; 0 in the other form."""
@@ -107,12 +108,13 @@ class RateDependence(Cause):
 
     def _rate(self, signal: Signal) -> FloatArray:
         """Speed of the drive (n,), of `REFERENCE_V_PER_S`."""
-        from piezo_rig.chain.relaxation import off
+        from piezo_rig.chain.relaxation import off_each
 
         def made() -> FloatArray:
             time = np.ascontiguousarray(signal.time_s)
             drive = np.ascontiguousarray(signal.drive_v)
-            return np.asarray(-off(time, drive, self.window) / self.window / REFERENCE_V_PER_S)
+            behind = off_each(signal.begins, time, drive, self.window)
+            return np.asarray(-behind / self.window / REFERENCE_V_PER_S)
 
         return signal.of_drive.get((self.id, "rate", self.window), made)
 

@@ -37,6 +37,7 @@ class Resonance(Cause):
 
     id = "resonance"
     place = "actuator"
+    together = True
     largest: ClassVar[float] = 100.0
     near: ClassVar[float] = NEAR_IN_TIME
     units: ClassVar[Mapping[str, str]] = {"share": "1", "frequency": "Hz", "damping": "1"}
@@ -50,24 +51,23 @@ class Resonance(Cause):
         """Far below the mode, if it carries a small share."""
         return self["share"] < LITTLE
 
-    def _mode(self, time_s: FloatArray, rows: FloatArray) -> FloatArray:
-        from piezo_rig.chain.oscillation import rung
+    def _mode(self, signal: Signal, rows: FloatArray) -> FloatArray:
+        from piezo_rig.chain.oscillation import rung_each
 
-        omega = 2.0 * np.pi * self["frequency"]
-        made = rung(
-            np.ascontiguousarray(time_s), np.ascontiguousarray(rows), omega, self["damping"]
-        )
+        omega, time = 2.0 * np.pi * self["frequency"], np.ascontiguousarray(signal.time_s)
+        rows = np.ascontiguousarray(rows)
+        made = rung_each(signal.begins, time, rows, omega, self["damping"])
         return np.asarray(rows + self["share"] * (made - rows))
 
     def act(self, signal: Signal) -> Signal:
-        moved = self._mode(signal.time_s, signal.displacement_um[None, :])[0]
+        moved = self._mode(signal, signal.displacement_um[None, :])[0]
         return signal.with_displacement(moved)
 
     def carry(self, signal: Signal, changes: FloatArray) -> FloatArray:
         step_s = float(np.median(np.diff(signal.time_s)))
         if self.passes or step_s * self["frequency"] > COARSE:
             return changes
-        return self._mode(signal.time_s, changes)  # it is linear
+        return self._mode(signal, changes)  # it is linear
 
     def increment(self, branches: Branches) -> Increment | str:
         omega = 2.0 * np.pi * self["frequency"]

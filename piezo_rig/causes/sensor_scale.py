@@ -27,6 +27,7 @@ class SensorScale(Cause):
 
     id = "sensor-scale"
     place = "sensor"
+    together = True
     needs_fixed_model = True
     units: ClassVar[Mapping[str, str]] = {"ratio": "1"}
     neutral: ClassVar[Mapping[str, float]] = {"ratio": 1.0}

@@ -28,6 +28,7 @@ class TimeSkew(Cause):
 
     id = "time-skew"
     place = "acquisition"
+    together = True
     needs_speeds = True
     lasting: ClassVar[str] = "delay"
     kinked: ClassVar[str] = "delay"
@@ -38,8 +39,10 @@ class TimeSkew(Cause):
     def act(self, signal: Signal) -> Signal:
         if self["delay"] == 0.0 or signal.time_s.size < 2:
             return signal
-        seen = np.interp(signal.time_s - self["delay"], signal.time_s, signal.displacement_um)
-        return signal.with_displacement(seen)
+        from piezo_rig.chain.shifting import shifted_each
+
+        time, x = (np.ascontiguousarray(x) for x in (signal.time_s, signal.displacement_um))
+        return signal.with_displacement(shifted_each(signal.begins, time, x, self["delay"]))
 
     @classmethod
     def trials(cls, context: Context) -> list[Stage]:

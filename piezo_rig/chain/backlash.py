@@ -20,3 +20,14 @@ def behind(drive, width):
         y = min(max(y, drive[i] - width[i]), drive[i] + width[i])
         out[i] = y
     return out
+
+
+@numba.njit(cache=True, nogil=True)
+def behind_each(begins, drive, width):
+    """`behind` of stretches that begin at these samples."""
+    out = np.empty(drive.size)
+    for k in range(begins.size):
+        a = begins[k]
+        b = begins[k + 1] if k + 1 < begins.size else drive.size
+        out[a:b] = behind(drive[a:b], width[a:b])
+    return out

@@ -31,6 +31,7 @@ class Bend(Stage):
         "from_v": "V", "over_v": "V", **dict.fromkeys(POWERS, "um"),
     }
     rate_free = True
+    together = True
     linear: ClassVar[tuple[str, ...]] = tuple(POWERS)
 
     @property

@@ -9,7 +9,7 @@ which it gives way moves, and all others with it.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -298,6 +298,34 @@ class Branches:
             self.keeps_ties,
         )
         return Walk(ints, floats, bands)
+
+    def moved(
+        self, drive_v: FloatArray, begins: NDArray[np.int64], each: Sequence[HalfLoops]
+    ) -> FloatArray:
+        """Displacement (n,) of stretches of a drive, um, each from a virgin start and 0 there.
+
+        Parameters
+        ----------
+        begins : shape (k,), where they begin
+        each : half loops of every stretch; of none where branches do not differ
+        """
+        from piezo_rig.chain import kernels
+
+        if self.has_laws:
+            loops = HalfLoops.joined(each, begins.tolist())
+            bands, start = self.bands(loops), loops.start
+            loop_begins = np.cumsum([0, *(len(own) for own in each[:-1])])
+        else:
+            slope = np.array([[self.first_slope_v_per_um]])
+            bands = Bands(self.first_break_um * slope, slope, self.rest)
+            start, loop_begins = np.zeros(1, np.int64), np.zeros(0, np.int64)
+        out = np.empty(drive_v.size)
+        kernels.moved_each(
+            begins, drive_v, self.initiation.knots_v, self.initiation.compliance_um_per_v,
+            bands.early_knots_v, bands.early_slopes_v_per_um, bands.rest.knots_v,
+            bands.rest.compliance_um_per_v, start, loop_begins, self.keeps_ties, out,
+        )
+        return out
 
     def displacement(self, drive_v: FloatArray, walked: Walk | None = None) -> FloatArray:
         """Displacement of a drive (n,), um, 0 at the first sample."""

@@ -9,7 +9,8 @@ drive itself and vanishes for a clean one.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,6 +51,13 @@ class HalfLoops:
     def first(self, count: int) -> HalfLoops:
         """Those at the beginning."""
         return HalfLoops(*(getattr(self, f.name)[:count] for f in fields(self)))
+
+    @classmethod
+    def joined(cls, parts: Sequence[HalfLoops], begins: Sequence[int]) -> HalfLoops:
+        """Those of several stretches of one array, which begin at these samples."""
+        late = [replace(p, start=p.start + a, stop=p.stop + a)
+                for p, a in zip(parts, begins, strict=True)]  # fmt: skip
+        return cls(*(np.concatenate([getattr(p, f.name) for p in late]) for f in fields(cls)))
 
 
 def dead_band(drive_v: FloatArray) -> float:

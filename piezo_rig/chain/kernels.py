@@ -328,6 +328,35 @@ def fill(v, ints, floats, n0, init_compliance, early_slopes, rest_compliance, ou
 
 
 @numba.njit(cache=True, boundscheck=False, nogil=True)
+def moved_each(
+    begins, v, init_knots, init_compliance, early_knots, early_slopes, rest_knots,
+    rest_compliance, loop_start, loop_begins, keeps, out,
+):
+    """`walk` and `fill` of stretches that begin at these samples, each from a virgin start.
+
+    ``loop_begins`` : of every stretch its first half loop; none where all are alike
+    """
+    for k in range(begins.size):
+        a = begins[k]
+        b = begins[k + 1] if k + 1 < begins.size else v.size
+        c = 0
+        d = loop_start.size
+        first = 0
+        if loop_begins.size:
+            c = loop_begins[k]
+            d = loop_begins[k + 1] if k + 1 < begins.size else loop_start.size
+            first = a
+        ints, floats = walk(
+            v[a:b], v[a], init_knots, early_knots[c:d], rest_knots, loop_start[c:d] - first,
+            early_slopes[c:d], keeps,
+        )
+        fill(
+            v[a:b], ints, floats, init_compliance.size, init_compliance, early_slopes[c:d],
+            rest_compliance, out[a:b],
+        )
+
+
+@numba.njit(cache=True, boundscheck=False, nogil=True)
 def turning_points(v, dead_band):
     """Samples at which the drive turns, ignoring reversals up to the dead band.
 

@@ -193,6 +193,16 @@ class Model:
             _refuse_gaps(drive)
         return displacement if displacement[0] == 0.0 else displacement - displacement[0]
 
+    def simulate_each(self, drives: Drives, memo: Memo | None = None) -> FloatArray:
+        """`simulate` of several drives at once, one behind the other, shape (n,).
+
+        Parameters
+        ----------
+        memo : of these drives
+        """
+        moved = self._play(drives.signal, False, Memo() if memo is None else memo)
+        return since_begun(moved.displacement_um[drives.inside], drives.begins)
+
     def place_um(self, drive_v: FloatArray, history: str = "virgin") -> FloatArray:
         """Where the actuator stands, from its virgin state at 0 V, um, shape (n,).
 
@@ -223,43 +233,96 @@ class Model:
         for stage in active:
             if stage.place == "drive":
                 key = (*key, id(stage))
-                signal = memo.get(self, key, partial(stage.act, signal))
+                signal = memo.get(self, key, partial(stage.act_on_each, signal))
         given = np.ascontiguousarray(signal.drive_v)
         branches, driven = self.branches(), given
         for stage in active:
             if type(stage).seen_by_sliders is not Stage.seen_by_sliders:
                 key = (*key, "sliders", id(stage), id(self.maxwell))
                 driven = memo.get(self, key, partial(stage.seen_by_sliders, signal, branches))
-        loops: HalfLoops | None = None
+        loops = list[HalfLoops]()
+        begins = signal.begins
         if branches.has_laws and driven is given:
-            loops = signal.of_drive.get("loops", partial(half_loops, given))
+            loops = signal.of_drive.get("loops", partial(_loops_of, given, begins))
         elif branches.has_laws:
-            loops = memo.get(self, ("loops", *key), lambda: half_loops(driven))
+            loops = memo.get(self, ("loops", *key), lambda: _loops_of(driven, begins))
         key = (*key, *(id(s) for s in self.stages if type(s).shape is not Stage.shape), "kernel",
                id(self.maxwell))  # fmt: skip
         at_rest = signal
         signal = memo.get(
             self, key,
-            lambda: at_rest.with_displacement(_moved(branches, given, driven, loops)),
+            lambda: at_rest.with_displacement(_moved(branches, given, driven, begins, loops)),
         )  # fmt: skip
         for stage in active:
             if stage.place == "actuator" or (stage.place != "drive" and not free_end):
                 if type(stage).act is Stage.act:
                     continue
                 key = (*key, id(stage))
-                signal = memo.get(self, key, partial(stage.act, signal))
+                signal = memo.get(self, key, partial(stage.act_on_each, signal))
         return signal
 
 
+def _loops_of(drive: FloatArray, begins: NDArray[np.int64]) -> list[HalfLoops]:
+    """Half loops of every stretch."""
+    return [half_loops(part) for part in np.split(drive, begins[1:])]
+
+
+@dataclass(frozen=True, eq=False)
+class Drives:
+    """Several drives, to be played at once as one signal, each by itself.
+
+    Attributes
+    ----------
+    signal : all of them before any stage, with what comes before those that are no virgins
+    inside : which samples of it are given
+    begins : shape (k,), where each begins among those
+    """
+
+    signal: Signal
+    inside: NDArray[np.bool_] | slice
+    begins: NDArray[np.int64]
+
+    @classmethod
+    def of(cls, plays: Sequence[tuple[FloatArray, FloatArray, str]]) -> Drives:
+        """From times (n,), drives (n,) and histories, as `Model.simulate` takes them.
+
+        Raises
+        ------
+        InputError : a gap in a drive
+        """
+        begun = [_begun(*play) for play in plays]
+        for signal, _ in begun:
+            if not np.all(np.isfinite(signal.drive_v)):
+                _refuse_gaps(signal.drive_v)
+        sizes = np.array([s.drive_v.size for s, _ in begun])
+        before = np.array([count for _, count in begun])
+        ends = np.cumsum(sizes)
+        signal = Signal(
+            np.concatenate([s.time_s for s, _ in begun]),
+            np.concatenate([s.drive_v for s, _ in begun]), np.zeros(0), ends - sizes,
+        )  # fmt: skip
+        inside: NDArray[np.bool_] | slice = slice(None)
+        if before.any():
+            at = np.arange(ends[-1]) - np.repeat(ends - sizes, sizes)
+            inside = at >= np.repeat(before, sizes)
+        given = np.cumsum(sizes - before)
+        return cls(signal, inside, given - (sizes - before))
+
+
 def _moved(
-    branches: Branches, drive: FloatArray, seen: FloatArray, loops: HalfLoops | None
+    branches: Branches, drive: FloatArray, seen: FloatArray, begins: NDArray[np.int64],
+    loops: Sequence[HalfLoops],
 ) -> FloatArray:
     """Displacement where the first spring follows one drive and the sliders another one."""
-    moved = branches.displacement(seen, branches.walk(seen, loops))
+    moved = branches.moved(seen, begins, loops)
     if seen is drive:
         return moved
-    ahead = drive - seen
-    return moved + (ahead - ahead[0]) / branches.first_slope_v_per_um
+    return moved + since_begun(drive - seen, begins) / branches.first_slope_v_per_um
+
+
+def since_begun(x: FloatArray, begins: NDArray[np.int64]) -> FloatArray:
+    """Values (n,) of stretches less the first of each."""
+    return x - np.repeat(x[begins], np.diff(begins, append=x.size))
 
 
 def first_measured(time_s: FloatArray) -> int:

@@ -51,3 +51,14 @@ def rung(time, rows, omega, damping):
             rate[m] = c * v - s * (omega * omega * e + damping * omega * v)
             out[i, m] = x[i, m] - behind * new + off[m]
     return np.ascontiguousarray(out.T)
+
+
+@numba.njit(cache=True, nogil=True)
+def rung_each(begins, time, rows, omega, damping):
+    """`rung` of stretches that begin at these samples."""
+    out = np.empty(rows.shape)
+    for k in range(begins.size):
+        a = begins[k]
+        b = begins[k + 1] if k + 1 < begins.size else time.size
+        out[:, a:b] = rung(time[a:b], rows[:, a:b], omega, damping)
+    return out

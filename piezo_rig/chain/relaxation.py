@@ -40,6 +40,17 @@ def off(time, x, tau):
 
 
 @numba.njit(cache=True, nogil=True)
+def off_each(begins, time, x, tau):
+    """`off` of stretches that begin at these samples."""
+    out = np.empty(x.size)
+    for k in range(begins.size):
+        a = begins[k]
+        b = begins[k + 1] if k + 1 < begins.size else x.size
+        out[a:b] = off(time[a:b], x[a:b], tau)
+    return out
+
+
+@numba.njit(cache=True, nogil=True)
 def lagged(time, x, tau):
     """x behind a first-order lag, shape (n,); it begins settled at the first sample."""
     return x + off(time, x, tau)
@@ -68,6 +79,15 @@ def relaxations(time, x, taus, out):
                 q[k] = here - slow + (q[k] - before + slow) * decay[k]
         for k in range(count):
             out[n, k] = q[k]
+
+
+@numba.njit(cache=True, nogil=True)
+def relaxations_each(begins, time, x, taus, out):
+    """`relaxations` of stretches that begin at these samples."""
+    for k in range(begins.size):
+        a = begins[k]
+        b = begins[k + 1] if k + 1 < begins.size else x.size
+        relaxations(time[a:b], x[a:b], taus, out[a:b])
 
 
 @numba.njit(cache=True, nogil=True)

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass, field
+from threading import Lock
 from typing import Any, ClassVar, TypeVar
 
 import numpy as np
@@ -40,16 +41,19 @@ class Kept:
 
     def __init__(self) -> None:
         self._known: dict[Hashable, Any] = {}
+        self._lock = Lock()
 
     def get(self, key: Hashable, make: Callable[[], Made]) -> Made:
         """What is known by a key, else what ``make`` makes; not to be written to."""
-        if key not in self._known:
-            made = make()
+        found: Made | None = self._known.get(key)
+        if found is not None:
+            return found
+        made = make()
+        with self._lock:
             while len(self._known) >= KEPT:
                 self._known.pop(next(iter(self._known)))
             self._known[key] = made
-        found: Made = self._known[key]
-        return found
+        return made
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,23 +61,37 @@ class Signal:
     """What travels along the chain; all of shape (n,).
 
     ``drive_v`` is the drive on the actuator, ``displacement_um`` what has become of it so far.
-    ``of_drive`` keeps what stages make of time and drive alone, ``of_displacement`` what they
-    make of the displacement too.
+    ``begins`` : shape (k,), samples at which a stretch begins, played by itself: several drives
+    are played at once as one signal. ``of_drive`` keeps what stages make of time and drive alone,
+    ``of_displacement`` what they make of the displacement too.
     """
 
     time_s: FloatArray
     drive_v: FloatArray
     displacement_um: FloatArray
+    begins: NDArray[np.int64] = field(default_factory=lambda: np.zeros(1, np.int64))
     of_drive: Kept = field(default_factory=Kept, repr=False)
     of_displacement: Kept = field(default_factory=Kept, repr=False)
 
     def with_drive(self, drive_v: FloatArray) -> Signal:
         """The signal with another drive."""
-        return Signal(self.time_s, drive_v, self.displacement_um)
+        return Signal(self.time_s, drive_v, self.displacement_um, self.begins)
 
     def with_displacement(self, displacement_um: FloatArray) -> Signal:
         """The signal with another displacement."""
-        return Signal(self.time_s, self.drive_v, displacement_um, self.of_drive)
+        return Signal(self.time_s, self.drive_v, displacement_um, self.begins, self.of_drive)
+
+    @property
+    def stretches(self) -> list[Signal]:
+        """Every stretch by itself."""
+        if self.begins.size == 1:
+            return [self]
+        known = self.of_drive.get("stretches", lambda: [Kept() for _ in self.begins])
+        ends = [*self.begins[1:].tolist(), self.time_s.size]
+        return [
+            Signal(self.time_s[a:b], self.drive_v[a:b], self.displacement_um[a:b], of_drive=kept)
+            for a, b, kept in zip(self.begins.tolist(), ends, known, strict=True)
+        ]
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,6 +109,7 @@ class Stage:
     neutral : values at which it does nothing, where that is not 0
     has_elements : whether it carries an element table
     rate_free : whether what it does to the signal knows no clock
+    together : whether it acts on all stretches of a signal at once
     """
 
     id: ClassVar[str] = ""
@@ -102,6 +121,7 @@ class Stage:
     linear: ClassVar[tuple[str, ...]] = ()
     has_elements: ClassVar[bool] = False
     rate_free: ClassVar[bool] = False
+    together: ClassVar[bool] = False
 
     parameters: dict[str, Parameter] = field(default_factory=dict)
     elements: Elements | None = None
@@ -139,6 +159,15 @@ class Stage:
     def act(self, signal: Signal) -> Signal:
         """What the stage makes of the signal at its place."""
         return signal
+
+    def act_on_each(self, signal: Signal) -> Signal:
+        """`act` on every stretch of a signal."""
+        if self.together or signal.begins.size == 1:
+            return self.act(signal)
+        done = [self.act(part) for part in signal.stretches]
+        if self.place == "drive":
+            return signal.with_drive(np.concatenate([part.drive_v for part in done]))
+        return signal.with_displacement(np.concatenate([part.displacement_um for part in done]))
 
     def increment(self, branches: Branches) -> Increment | str:
         """What `act` or `seen_by_sliders` does in one step, or why that has no form.

@@ -21,3 +21,14 @@ def stopped(signal, width):
             s = min(max(s + signal[i] - signal[i - 1], -width), width)
         out[i] = s
     return out
+
+
+@numba.njit(cache=True, nogil=True)
+def stopped_each(begins, signal, width):
+    """`stopped` of stretches that begin at these samples."""
+    out = np.empty(signal.size)
+    for k in range(begins.size):
+        a = begins[k]
+        b = begins[k + 1] if k + 1 < begins.size else signal.size
+        out[a:b] = stopped(signal[a:b], width)
+    return out

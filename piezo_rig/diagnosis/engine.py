@@ -136,9 +136,9 @@ def generous_spectrum(space: Space, point: Point, rng: np.random.Generator) -> S
     """
     found, _ = candidates(space, point.model)
     pairs = [pair for c in found for pair in c.pairs(point.model)]
-    blocks = []
-    for group in space.groups.groups:
-        moving = space.moving(group, point, pairs)
+    blocks, every = [], space.moving(point, pairs)
+    for index, group in enumerate(space.groups.groups):
+        moving = every[:, space.together.part(index)]
         predicted = group.predicted(point.model)
         f = dictionary.features(group, space.scales, predicted)
         fixed = np.concatenate(

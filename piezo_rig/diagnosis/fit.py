@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 
 from piezo_rig.causes.cause import Cause
 from piezo_rig.chain import Elements, Maxwell, Model, Stage
-from piezo_rig.diagnosis.groups import Group, Groups
+from piezo_rig.diagnosis.groups import Groups
+from piezo_rig.diagnosis.together import Together
 
 FloatArray = NDArray[np.float64]
 ELEMENTS = 80
@@ -147,15 +148,11 @@ class Point:
             point, moved = self.moved(there), there[j]
         return point.model, float(moved - values[j])
 
-    def tangent(self, group: Group, numbers: Sequence[int]) -> FloatArray:
-        """Derivative of the prediction by free numbers, (k, n)."""
-        base = group.remembered(self.model)
+    def tangent(self, data: Together, numbers: Sequence[int]) -> FloatArray:
+        """Derivative of the prediction by free numbers, (k, n), of thinned data."""
         near = self.neighbours(numbers)
-        out = np.empty((len(near), base.size))
-        for j, (model, step) in enumerate(near):
-            np.subtract(group.predicted_once(model), base, out=out[j])
-            out[j] /= step
-        return out
+        changes = data.changes(data.remembered(self.model), [model for model, _ in near])
+        return changes / np.array([step for _, step in near])[:, None]
 
 
 def _replaced(model: Model, stage: Stage) -> Model:

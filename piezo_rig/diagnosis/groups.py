@@ -95,9 +95,13 @@ class Group:
         else:
             moved = model.simulate(self.time_s, self.drive_v, self.history, memo=self.memo)
         if any(s.locked_to == "clock" for s in model.stages):
-            own = [self.clocked(model, row) for row in range(self.repeats)]
-            moved = moved + np.mean(own, axis=0)
+            moved = moved + self.by_the_clock(model)
         return moved
+
+    def by_the_clock(self, model: Model) -> FloatArray:
+        """What clock-locked stages add to the mean of all recordings, shape (n,)."""
+        own = [self.clocked(model, row) for row in range(self.repeats)]
+        return np.asarray(np.mean(own, axis=0))
 
     def clocked(self, model: Model, row: int) -> FloatArray:
         """What clock-locked stages add to one recording, shape (n,)."""
@@ -147,9 +151,13 @@ class Group:
 
     def remembered(self, model: Model) -> FloatArray:
         """`predicted`, stage by stage kept for the neighbours of this model."""
+        self.remember(model)
+        return self.predicted_once(model)
+
+    def remember(self, model: Model) -> None:
+        """Keep what this model makes stage by stage."""
         for memo in (self.memo, *self.memos.values()):
             memo.remember(model)
-        return self.predicted_once(model)
 
     def begun(self, samples: int) -> Group:
         """The group up to the last turning point within so many samples, two half loops at least.

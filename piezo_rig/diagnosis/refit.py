@@ -236,10 +236,10 @@ def _likelihood(point: Point, linear: Linear) -> tuple[Likelihood, range]:
 
 def changed_um(space: Space, before: Model, after: Model) -> float:
     """Rms of what a change of model does to the displacement, blocks centred."""
-    square = count = 0.0
-    for g in space.groups.groups:
-        short, inside = space.groups.short(g)
-        change = (short.predicted(after) - short.predicted(before))[inside]
+    square, count, data = 0.0, 0.0, space.together
+    moved = (data.predicted(after) - data.predicted(before))[data.inside]
+    for index, g in enumerate(space.groups.groups):
+        change = moved[data.part(index)]
         for (a, b), cells in zip(space.groups.edges(g), space.groups.cells(g), strict=True):
             square += float(np.sum(cells.centred(change[None, a:b]) ** 2))
             count += float(cells.share.sum())
@@ -282,8 +282,11 @@ def _moved(
 def playable(space: Space, model: Model, whole: bool = False) -> bool:
     """Whether a model can follow all drives of the data; ``whole`` : unthinned."""
     try:
-        for group in space.groups.groups:
-            (group if whole else space.groups.short(group).group).predicted(model)
+        if whole:
+            for group in space.groups.groups:
+                group.predicted(model)
+        else:
+            space.together.predicted(model)
     except InputError:
         return False
     return True

@@ -18,8 +18,8 @@ from piezo_rig.chain import Model
 from piezo_rig.diagnosis import held
 from piezo_rig.diagnosis.columns import Columns, Numbers
 from piezo_rig.diagnosis.fit import Point
-from piezo_rig.diagnosis.groups import Group
 from piezo_rig.diagnosis.linear import Frame, Key, Layout, Linear, Rows
+from piezo_rig.diagnosis.together import Together
 
 FloatArray = NDArray[np.float64]
 
@@ -46,8 +46,16 @@ class Space(Columns):
     law_of: tuple[Key, tuple[Numbers, ...]] | None = None  # the stages it is about
     excluded: dict[str, str] = field(default_factory=dict)  # causes not looked for, and why
     longest: dict[str, float] = field(default_factory=dict)  # s, of causes that last: see `Cause`
-    _tangents: dict[int, tuple[Group, Point, FloatArray]] = field(default_factory=dict)
+    _together: Together | None = None
+    _tangent_of: tuple[Point, FloatArray] | None = None
     _linears: dict[int, tuple[Point, Linear]] = field(default_factory=dict)
+
+    @property
+    def together(self) -> Together:
+        """The thinned drives of all groups."""
+        if self._together is None:
+            self._together = Together.of(self.groups)
+        return self._together
 
     def keep(self, point: Point, linear: Linear) -> None:
         """Hold the matrices about a point; those of the latest few are, for they are large."""
@@ -83,10 +91,10 @@ class Space(Columns):
         p = point.values().size
         layout = Layout(p, *self.counts, len(trials), len(point.coefficients))
         frame = self.frame(point)
-        point.neighbours(point.others)  # known before threads ask for them
+        moving = self.moving(point, trials)
 
         def about(index: int) -> list[_Row]:
-            return self._about(index, point, trials, frame)
+            return self._about(index, moving, len(point.others), frame)
 
         found = self.each_group(about)
         return Linear(
@@ -103,12 +111,10 @@ class Space(Columns):
     def _law(self) -> FloatArray:
         return self.law if self.law.size else np.zeros(self.counts[2])
 
-    def _about(
-        self, index: int, point: Point, trials: Sequence[tuple[Model, Model]], frame: Frame
-    ) -> list[_Row]:
+    def _about(self, index: int, moving: FloatArray, base: int, frame: Frame) -> list[_Row]:
         """Products of one group's pieces."""
-        group, base, out = self.groups.groups[index], len(point.others), []
-        moving = self.moving(group, point, trials)
+        group, out = self.groups.groups[index], []
+        moving = moving[:, self.together.part(index)]
         for at, piece in enumerate(self.pieces):
             if piece.group != index:
                 continue
@@ -170,15 +176,12 @@ class Space(Columns):
         ``before`` : the model that the known residual is of. What lies between the two is played
         thinned, as tangents are.
         """
-        here = [j - point.compliances for j in numbers]
-        point.neighbours(list(numbers))  # known before threads ask for them
-        frame = near.frame
+        here, frame, data = [j - point.compliances for j in numbers], near.frame, self.together
+        change = (data.predicted(point.model) - data.predicted(before))[data.inside]
+        every = np.vstack([point.tangent(data, numbers), change])
 
         def about(index: int) -> list[tuple[Rows, FloatArray, FloatArray]]:
-            group, out = self.groups.groups[index], []
-            short, inside = self.groups.short(group)
-            change = short.predicted(point.model) - short.predicted(before)
-            moved = np.vstack([point.tangent(short, list(numbers)), change])[:, inside]
+            out, moved = [], every[:, data.part(index)]
             for at, piece in enumerate(self.pieces):
                 if piece.group != index:
                     continue
@@ -216,28 +219,29 @@ class Space(Columns):
         )  # fmt: skip
 
     def moving(
-        self, group: Group, point: Point, trials: Sequence[tuple[Model, Model]]
+        self, point: Point, trials: Sequence[tuple[Model, Model]]
     ) -> FloatArray:
-        """Thinned tangent of all but the bands, trial signatures, residual of one group."""
-        short, inside = self.groups.short(group)
-        tangent = self._tangent(group, point)
-        out = np.empty((len(tangent) + len(trials) + 1, int(inside.sum())))
+        """Thinned tangent of all but the bands, trial signatures, residual of all groups."""
+        tangent, data = self._tangent(point), self.together
+        out = np.empty((len(tangent) + len(trials) + 1, tangent.shape[1]))
         out[: len(tangent)] = tangent
         for before in {id(before): before for before, _ in trials}.values():
-            base = short.remembered(before)
-            for k, (other, after) in enumerate(trials):
-                if other is before:
-                    out[len(tangent) + k] = (short.predicted_once(after) - base)[inside]
-        left = group.measured_um.mean(axis=0) - group.predicted(point.model)
-        out[-1] = self.groups.thinned(group, left)
+            own = [k for k, (other, _) in enumerate(trials) if other is before]
+            out[[len(tangent) + k for k in own]] = data.changes(
+                data.remembered(before), [trials[k][1] for k in own]
+            )
+
+        def left(index: int) -> list[None]:
+            group = self.groups.groups[index]
+            off = group.measured_um.mean(axis=0) - group.predicted(point.model)
+            out[-1, data.part(index)] = self.groups.thinned(group, off)
+            return []
+
+        self.each_group(left)
         return out
 
-    def _tangent(self, group: Group, point: Point) -> FloatArray:
+    def _tangent(self, point: Point) -> FloatArray:
         """Thinned tangent of all but the bands; that of the latest point is kept."""
-        latest = self._tangents.get(id(group))
-        if latest is None or latest[0] is not group or latest[1] is not point:
-            short, inside = self.groups.short(group)
-            tangent = point.tangent(short, point.others)
-            latest = group, point, tangent[:, inside]
-            self._tangents[id(group)] = latest
-        return latest[2]
+        if self._tangent_of is None or self._tangent_of[0] is not point:
+            self._tangent_of = point, point.tangent(self.together, point.others)
+        return self._tangent_of[1]

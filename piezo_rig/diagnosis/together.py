@@ -1,0 +1,94 @@
+"""Shortened drives of all groups, played at once: most of a diagnosis are such plays."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from piezo_rig.chain import Memo, Model
+from piezo_rig.chain.model import Drives
+from piezo_rig.diagnosis.abreast import alone
+from piezo_rig.diagnosis.groups import Groups, Short
+
+FloatArray = NDArray[np.float64]
+THREADS, FEW = 2, 4  # plays that are not worth a second thread
+
+
+@dataclass(eq=False)
+class Together:
+    """All groups of some data.
+
+    Attributes
+    ----------
+    each : the groups, shortened
+    drives : theirs
+    ends : shape (g + 1,), where each begins and the last ends among the samples that are played
+    inside : shape (n,), which of those belong to the data
+    thinned : shape (g + 1,), the same as ``ends`` among these
+    """
+
+    each: Sequence[Short]
+    drives: Drives
+    ends: NDArray[np.int64]
+    inside: NDArray[np.bool_]
+    thinned: NDArray[np.int64]
+    memo: Memo = field(default_factory=Memo)
+
+    @classmethod
+    def of(cls, groups: Groups) -> Together:
+        each = [groups.short(g) for g in groups.groups]
+        drives = Drives.of([(s.group.time_s, s.group.drive_v, s.group.history) for s in each])
+        sizes = [s.inside.size for s in each]
+        kept = [int(s.inside.sum()) for s in each]
+        inside = np.concatenate([s.inside for s in each])
+        return cls(each, drives, np.cumsum([0, *sizes]), inside, np.cumsum([0, *kept]))
+
+    def part(self, index: int) -> slice:
+        """Where a group's thinned samples are."""
+        return slice(int(self.thinned[index]), int(self.thinned[index + 1]))
+
+    def predicted(self, model: Model) -> FloatArray:
+        """What the sensor would show, shape (n,): see `Group.predicted`."""
+        return self.memo.whole(model, lambda: self.predicted_once(model))
+
+    def predicted_once(self, model: Model) -> FloatArray:
+        """`predicted` of a model that nobody asks for again."""
+        if model.remembering and any(s.group.earlier for s in self.each):
+            return np.concatenate([s.group.predicted_once(model) for s in self.each])
+        moved = model.simulate_each(self.drives, self.memo)
+        if any(s.locked_to == "clock" for s in model.stages):
+            moved = moved + np.concatenate([s.group.by_the_clock(model) for s in self.each])
+        return moved
+
+    def remembered(self, model: Model) -> FloatArray:
+        """`predicted`, stage by stage kept for the neighbours of this model."""
+        self.memo.remember(model)
+        for short in self.each:
+            short.group.remember(model)
+        return self.predicted_once(model)
+
+    def changes(self, base: FloatArray, models: Sequence[Model]) -> FloatArray:
+        """What each of these models, asked for once, does beyond a prediction; the data's (k, m).
+        """
+        out = np.empty((len(models), int(self.thinned[-1])))
+
+        def played(k: int) -> None:
+            out[k] = (self.predicted_once(models[k]) - base)[self.inside]
+
+        in_two(len(models), played)
+        return out
+
+
+def in_two(count: int, step: Callable[[int], None]) -> None:
+    """Steps 0, 1, .. by two threads where the other processor has nothing to do."""
+    if count < FEW or not alone():
+        for k in range(count):
+            step(k)
+        return
+    with ThreadPoolExecutor(THREADS) as pool:
+        for _ in pool.map(step, range(count)):
+            pass
