@@ -19,7 +19,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from piezo_rig.causes.cause import NEAR_IN_TIME, Cause, Context
+from piezo_rig.causes.cause import NEAR_IN_TIME, Cause, Context, FloatArray
 from piezo_rig.chain.stage import Signal, Stage
 
 
@@ -39,10 +39,13 @@ class TimeSkew(Cause):
     def act(self, signal: Signal) -> Signal:
         if self["delay"] == 0.0 or signal.time_s.size < 2:
             return signal
+        return signal.with_displacement(self.carry(signal, signal.displacement_um[None])[0])
+
+    def carry(self, signal: Signal, changes: FloatArray) -> FloatArray:
         from piezo_rig.chain.shifting import shifted_each
 
-        time, x = (np.ascontiguousarray(x) for x in (signal.time_s, signal.displacement_um))
-        return signal.with_displacement(shifted_each(signal.begins, time, x, self["delay"]))
+        time, rows = (np.ascontiguousarray(x) for x in (signal.time_s, changes))
+        return np.asarray(shifted_each(signal.begins, time, rows, self["delay"]))
 
     @classmethod
     def trials(cls, context: Context) -> list[Stage]:

@@ -30,6 +30,7 @@ from piezo_rig.diagnosis.whitening import CellWhitener
 
 FloatArray = NDArray[np.float64]
 LEAST_KEPT, MOST_KEPT = 2, 6  # sets of columns
+OF_DRIVES = 4  # columns of drives of each group: with a first rise and without, twice
 KEPT = 100_000  # thinned samples of all that are kept: a GB
 SAME_KNOTS = 1e-6  # V
 THREADS = 2
@@ -229,7 +230,7 @@ class Columns:
 
     def _forget_oldest(self) -> None:
         """Make room for a set of every group, before threads ask for it."""
-        while len(self._of_given) > self.most_kept * len(self.groups.groups):
+        while len(self._of_given) > max(self.most_kept, OF_DRIVES) * len(self.groups.groups):
             self._of_given.pop(next(iter(self._of_given)))
 
     def _key_near(self, model: Model) -> Key:

@@ -41,16 +41,14 @@ def detour(search: Search) -> bool:
     full, members = search.fitted, search.causes
     search.tell(f"refit without {', '.join(members)}, one by one")
     without = abreast(search.space, [
-        partial(refit, search.space, less_point(full.point, member), held=True)
-        for member in members
+        partial(_without, search, member, rng)
+        for member, rng in zip(members, search.rng.spawn(len(members)), strict=True)
     ], full.parts)  # fmt: skip
     taken = 0
     pairs = zip(members, without, strict=True)
-    for member, less in sorted(pairs, key=lambda m: -m[1].evidence):
+    for member, (less, found) in sorted(pairs, key=lambda m: -m[1][0].evidence):
         if taken == DETOURS:
             break
-        settle(search.space, less.point)
-        found = scan(search.space, less, search.rng, {}).result
         if member not in found.ids:
             continue
         if not rivals_of(found, member, search.family(found)):
@@ -73,6 +71,13 @@ def detour(search: Search) -> bool:
         search.scans += other.scans
         return True
     return False
+
+
+def _without(search: Search, member: str, rng: np.random.Generator) -> tuple[Fitted, Scan]:
+    """Refitted without a member, and what fits then."""
+    less = refit(search.space, less_point(search.fitted.point, member), held=True)
+    settle(search.space, less.point)
+    return less, scan(search.space, less, rng, {}).result
 
 
 def together(search: Search, here: Fitted) -> bool:

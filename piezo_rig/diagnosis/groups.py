@@ -98,6 +98,14 @@ class Group:
             moved = moved + self.by_the_clock(model)
         return moved
 
+    def without(self, row: int | None) -> list[int]:
+        """Its recordings without one, counted round; all of them without none, or of a single one.
+        """
+        rows = list(range(self.repeats))
+        if row is not None and self.repeats > 1:
+            rows.pop(row % self.repeats)
+        return rows
+
     def by_the_clock(self, model: Model) -> FloatArray:
         """What clock-locked stages add to the mean of all recordings, shape (n,)."""
         own = [self.clocked(model, row) for row in range(self.repeats)]

@@ -151,13 +151,11 @@ def held_out_errors(
 def _left_out(space: Space, fitted: Fitted, measured: Groups) -> Errors:
     """Every recording scored by a model that was refitted without it."""
     point, n = fitted.point, fitted.point.linear
-    most = space.groups.repeats
     settle(space, point)
     about = space.about(point, fitted.linear)
     squares, counts, of, worst = [], [], [], 0.0
     models = []
-    for k in range(most):
-        linear = space.with_residual(about, point, leave=k)
+    for linear in space.left_out(about, point):
         change = np.zeros(len(point.sizes))
         if change.size:
             change, _ = parameter_step(point, linear, fitted.scales, held=True)

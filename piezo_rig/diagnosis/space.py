@@ -136,37 +136,51 @@ class Space(Columns):
             ))  # fmt: skip
         return out
 
-    def with_residual(self, linear: Linear, point: Point, leave: int | None = None) -> Linear:
-        """The same tangent with the residual of a point near by (no trials).
+    def with_residual(self, linear: Linear, point: Point) -> Linear:
+        """The same tangent with the residual of a point near by (no trials)."""
+        return self._with_residuals(linear, point, [None])[0]
 
-        ``leave`` : number of the recording of every group that is left out of its mean
-        """
-        residual, raws, kept, at = list[FloatArray](), list[FloatArray](), list[Rows](), 0
-        for index, group in enumerate(self.groups.groups):
-            rows = list(range(group.repeats))
-            if leave is not None and group.repeats > 1:
-                rows.pop(leave % group.repeats)
-            predicted = group.predicted_of(point.model, rows)
-            left = group.measured_um[rows].mean(axis=0) - predicted
+    def left_out(self, linear: Linear, point: Point) -> list[Linear]:
+        """As often as there are recordings: without one of every group in its mean."""
+        return self._with_residuals(linear, point, list(range(self.groups.repeats)))
+
+    def _with_residuals(
+        self, linear: Linear, point: Point, leave: Sequence[int | None]
+    ) -> list[Linear]:
+        """``leave`` : number of the recording of every group that is left out of its mean."""
+
+        def off(index: int) -> list[list[tuple[Rows, FloatArray, FloatArray]]]:
+            group, made = self.groups.groups[index], []
+            left = np.array([
+                group.measured_um[rows].mean(axis=0) - group.predicted_of(point.model, rows)
+                for rows in (group.without(k) for k in leave)
+            ])  # fmt: skip
             left = self.groups.thinned(group, left)
-            for piece in self.pieces:
+            for at, piece in enumerate(self.pieces):
                 if piece.group != index:
                     continue
-                cut = left[piece.begin : piece.end]
-                r, bare = self.whiten(cut[None], at)[0], piece.cells.centred(cut[None])[0]
-                bands, fixed, own = linear.frame.bands[at], linear.frame.fixed[at], linear.rows[at]
-                residual.append(np.concatenate(
-                    [bands.white @ r, fixed.white @ r, own.white @ r, [r @ r]]
-                ))  # fmt: skip
-                raws.append(group.repeats * np.concatenate(
-                    [bands.raw @ bare, own.raw @ bare, [bare @ bare]]
-                ))  # fmt: skip
-                kept.append(own._replace(left=r, raw_left=bare))
-                at += 1
-        return replace(
-            linear, residual=np.array(residual), raw_residual=np.array(raws), rows=tuple(kept),
-            model=None if leave is not None else point.model,
-        )  # fmt: skip
+                cut, own = left[:, piece.begin : piece.end], linear.rows[at]
+                bands, fixed = linear.frame.bands[at], linear.frame.fixed[at]
+                white, raw = self.whiten(cut, at), piece.cells.centred(cut)
+                of_white = np.hstack([white @ x.T for x in (bands.white, fixed.white, own.white)])
+                of_raw = np.hstack([raw @ x.T for x in (bands.raw, own.raw)])
+                made.append([
+                    (own._replace(left=r, raw_left=bare), np.append(w, r @ r),
+                     group.repeats * np.append(b, bare @ bare))
+                    for r, bare, w, b in zip(white, raw, of_white, of_raw, strict=True)
+                ])  # fmt: skip
+            return made
+
+        found = zip(*self.each_group(off), strict=True)
+        return [
+            replace(
+                linear, rows=tuple(rows), residual=np.array(white), raw_residual=np.array(raw),
+                model=point.model if k is None else None,
+            )
+            for k, (rows, white, raw) in zip(
+                leave, (zip(*each, strict=True) for each in found), strict=True
+            )
+        ]  # fmt: skip
 
     def _with_columns(
         self, near: Linear, before: Model, point: Point, numbers: Sequence[int]
