@@ -29,9 +29,9 @@ import numpy as np
 
 from piezo_rig.causes.cause import Cause, Context, FloatArray
 from piezo_rig.chain.branches import Branches
+from piezo_rig.chain.drives import first_measured
 from piezo_rig.chain.half_loops import half_loops
 from piezo_rig.chain.increments import Increment, Operation
-from piezo_rig.chain.model import first_measured
 from piezo_rig.chain.stage import Signal, Stage
 
 

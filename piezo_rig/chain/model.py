@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property, partial
 from typing import Any
@@ -11,59 +11,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from piezo_rig.chain.branches import Branches
+from piezo_rig.chain.drives import (
+    Drives,
+    at_rest,
+    begun,
+    long_after,
+    preceded,
+    refuse_gaps,
+    since_begun,
+)
 from piezo_rig.chain.half_loops import HalfLoops, half_loops
 from piezo_rig.chain.maxwell import Maxwell
+from piezo_rig.chain.memo import Memo
 from piezo_rig.chain.stage import PLACES, Signal, Stage
 from piezo_rig.errors import InputError
 
 FloatArray = NDArray[np.float64]
-LONG_AGO_S = 1e7
-KEPT = 4
-
-
-class Memo:
-    """What one model made of one drive, stage by stage, for models that differ little from it.
-
-    Whoever simulates the same drive with many neighbours of a model keeps one of these for it.
-    A stage that is the same object after the same stages is not played again.
-    """
-
-    def __init__(self) -> None:
-        self._of: object = None
-        self._known: dict[tuple[object, ...], Any] = {}
-        self._whole: dict[int, tuple[Model, FloatArray]] = {}
-        self._begun: tuple[Signal, int] | None = None
-
-    def begun(self, make: Callable[[], tuple[Signal, int]]) -> tuple[Signal, int]:
-        """The signal before any stage, and how many samples of it come before the drive."""
-        if self._begun is None:
-            self._begun = make()
-        return self._begun
-
-    def whole(self, model: Model, make: Callable[[], FloatArray]) -> FloatArray:
-        """All that the latest few models made of the drive, not to be written to."""
-        if id(model) not in self._whole:
-            while len(self._whole) >= KEPT:
-                self._whole.pop(next(iter(self._whole)))
-            made = make().view()  # what it is made from stays as it is: stages compile by flags
-            made.flags.writeable = False
-            self._whole[id(model)] = (model, made)  # held, so that its id stays its own
-        return self._whole[id(model)][1]
-
-    def remember(self, model: Model) -> None:
-        """From now on what this model does is kept, and nothing of what was kept before."""
-        if self._of is not model:
-            self._of = model  # held, so that no other stage takes the place of one of its stages
-            self._known = {}
-
-    def get(self, model: Model, key: tuple[object, ...], make: Callable[[], Any]) -> Any:
-        """What is known by a key, else what ``make`` makes."""
-        if key in self._known:
-            return self._known[key]
-        made = make()
-        if model is self._of:
-            self._known[key] = made
-        return made
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,28 +132,28 @@ class Model:
         if history not in ("virgin", "carried", "unknown"):
             raise InputError("history", f"history {history!r} is not virgin, carried or unknown")
         memo = Memo() if memo is None else memo
-        signal, before = memo.begun(lambda: _begun(time_s, drive_v, history))
+        signal, before = memo.begun(lambda: begun(time_s, drive_v, history))
         drive = signal.drive_v[before:]
         active = [s for s in self.stages if s.locked_to == "drive"]
         if any(s.units or s.place == "drive" for s in active) and not signal.of_drive.get(
             "finite", lambda: bool(np.all(np.isfinite(drive)))
         ):
-            _refuse_gaps(drive)
+            refuse_gaps(drive)
         key: tuple[object, ...] = ()
         if history == "virgin" and earlier:
-            begun = drive
+            volts = drive
             for stage in self.remembering:
-                volts = np.append(begun[0], stage.preface(earlier))
-                begun = np.concatenate([volts, begun])
-                before, key = before + volts.size, (*key, id(stage))
+                left = np.append(volts[0], stage.preface(earlier))
+                volts = np.concatenate([left, volts])
+                before, key = before + left.size, (*key, id(stage))
             if key:
-                time = _long_after(signal.time_s, before)
-                signal = memo.get(self, ("begun", *key), lambda: _signal(time, begun))
+                time = long_after(signal.time_s, before)
+                signal = memo.get(self, ("begun", *key), lambda: at_rest(time, volts))
         signal = self._play(signal, free_end, memo, key)
         displacement = signal.displacement_um[before:]
         # one bad sample makes all that follow it bad: looking at the last is enough
         if not np.isfinite(displacement[-1]):
-            _refuse_gaps(drive)
+            refuse_gaps(drive)
         return displacement if displacement[0] == 0.0 else displacement - displacement[0]
 
     def simulate_each(self, drives: Drives, memo: Memo | None = None) -> FloatArray:
@@ -215,10 +178,10 @@ class Model:
         drive = np.ascontiguousarray(drive_v, dtype=float)
         before = 0
         if history != "virgin":
-            drive = _preceded(drive)
+            drive = preceded(drive)
             before = drive.size - drive_v.size
         time = np.arange(drive.size, dtype=float)
-        return still._play(_signal(time, drive), True, Memo()).displacement_um[before:]
+        return still._play(at_rest(time, drive), True, Memo()).displacement_um[before:]
 
     @property
     def remembering(self) -> list[Stage]:
@@ -267,48 +230,6 @@ def _loops_of(drive: FloatArray, begins: NDArray[np.int64]) -> list[HalfLoops]:
     return [half_loops(part) for part in np.split(drive, begins[1:])]
 
 
-@dataclass(frozen=True, eq=False)
-class Drives:
-    """Several drives, to be played at once as one signal, each by itself.
-
-    Attributes
-    ----------
-    signal : all of them before any stage, with what comes before those that are no virgins
-    inside : which samples of it are given
-    begins : shape (k,), where each begins among those
-    """
-
-    signal: Signal
-    inside: NDArray[np.bool_] | slice
-    begins: NDArray[np.int64]
-
-    @classmethod
-    def of(cls, plays: Sequence[tuple[FloatArray, FloatArray, str]]) -> Drives:
-        """From times (n,), drives (n,) and histories, as `Model.simulate` takes them.
-
-        Raises
-        ------
-        InputError : a gap in a drive
-        """
-        begun = [_begun(*play) for play in plays]
-        for signal, _ in begun:
-            if not np.all(np.isfinite(signal.drive_v)):
-                _refuse_gaps(signal.drive_v)
-        sizes = np.array([s.drive_v.size for s, _ in begun])
-        before = np.array([count for _, count in begun])
-        ends = np.cumsum(sizes)
-        signal = Signal(
-            np.concatenate([s.time_s for s, _ in begun]),
-            np.concatenate([s.drive_v for s, _ in begun]), np.zeros(0), ends - sizes,
-        )  # fmt: skip
-        inside: NDArray[np.bool_] | slice = slice(None)
-        if before.any():
-            at = np.arange(ends[-1]) - np.repeat(ends - sizes, sizes)
-            inside = at >= np.repeat(before, sizes)
-        given = np.cumsum(sizes - before)
-        return cls(signal, inside, given - (sizes - before))
-
-
 def _moved(
     branches: Branches, drive: FloatArray, seen: FloatArray, begins: NDArray[np.int64],
     loops: Sequence[HalfLoops],
@@ -318,67 +239,3 @@ def _moved(
     if seen is drive:
         return moved
     return moved + since_begun(drive - seen, begins) / branches.first_slope_v_per_um
-
-
-def since_begun(x: FloatArray, begins: NDArray[np.int64]) -> FloatArray:
-    """Values (n,) of stretches less the first of each."""
-    return x - np.repeat(x[begins], np.diff(begins, append=x.size))
-
-
-def first_measured(time_s: FloatArray) -> int:
-    """First sample behind whatever `Model.simulate` has put long before a drive."""
-    before = np.flatnonzero(np.diff(time_s) > 0.5 * LONG_AGO_S)
-    return int(before[-1]) + 1 if before.size else 0
-
-
-def _begun(time_s: FloatArray, drive_v: FloatArray, history: str) -> tuple[Signal, int]:
-    """The signal before any stage, and how many samples come before the given drive."""
-    time, drive = _checked(time_s, drive_v)
-    if history == "virgin":
-        return _signal(time, drive), 0
-    if not np.all(np.isfinite(drive)):
-        _refuse_gaps(drive)
-    whole = _preceded(drive)
-    before = whole.size - drive.size
-    return _signal(_long_after(time, before), whole), before
-
-
-def _signal(time_s: FloatArray, drive_v: FloatArray) -> Signal:
-    return Signal(time_s, drive_v, np.zeros(0))
-
-
-def _long_after(time_s: FloatArray, before: int) -> FloatArray:
-    """Times (n,) with those of so many samples long before them."""
-    return np.concatenate([time_s[0] - LONG_AGO_S * np.arange(before, 0, -1), time_s])
-
-
-def _preceded(drive: FloatArray) -> FloatArray:
-    """The drive with its own turning points played before it, from the smaller extreme."""
-    loops = half_loops(drive)
-    turns = drive[np.append(loops.start, drive.size - 1)]
-    low, high = float(np.min(turns)), float(np.max(turns))
-    ends = [0.0, low, high, low] if low >= 0 else [0.0, high, low, high]
-    return np.concatenate([ends, [drive[0]], drive])
-
-
-def _checked(time_s: FloatArray, drive_v: FloatArray) -> tuple[FloatArray, FloatArray]:
-    time = np.ascontiguousarray(time_s, dtype=float)
-    drive = np.ascontiguousarray(drive_v, dtype=float)
-    if time.ndim != 1 or time.shape != drive.shape:
-        raise InputError(
-            "unequal-lengths",
-            f"time has shape {time.shape}, drive {drive.shape}",
-            "a column is cut short",
-            "give one drive value for every time",
-        )
-    return time, drive
-
-
-def _refuse_gaps(drive: FloatArray) -> None:
-    bad = np.flatnonzero(~np.isfinite(drive))
-    raise InputError(
-        "not-a-number",
-        f"the drive is not a number at sample {bad[0] if bad.size else 0} ({bad.size} in all)",
-        "a gap in the recording",
-        "cut the gap out, or interpolate it",
-    )

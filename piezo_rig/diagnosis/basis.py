@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from piezo_rig.chain import Model, Signal
-from piezo_rig.chain.model import LONG_AGO_S, _preceded
+from piezo_rig.chain.drives import LONG_AGO_S, preceded
 from piezo_rig.diagnosis.groups import Group
 from piezo_rig.diagnosis.left_before import played_before
 
@@ -26,8 +26,8 @@ def bands(model: Model, group: Group) -> FloatArray:
     different ones are averaged, as in `Group.predicted`.
     """
     if not group.virgin:
-        preceded = np.ascontiguousarray(_preceded(group.drive_v))
-        return _bands(model, group, preceded[: preceded.size - group.drive_v.size])
+        whole = np.ascontiguousarray(preceded(group.drive_v))
+        return _bands(model, group, whole[: whole.size - group.drive_v.size])
     return np.asarray(sum(
         share * _bands(model, group, volts) for share, volts in played_before(model, group)
     ))  # fmt: skip

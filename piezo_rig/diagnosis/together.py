@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from piezo_rig.chain import Memo, Model
-from piezo_rig.chain.model import Drives
+from piezo_rig.chain.drives import Drives
 from piezo_rig.diagnosis.abreast import alone
 from piezo_rig.diagnosis.groups import Groups, Short
 
