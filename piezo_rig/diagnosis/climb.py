@@ -425,7 +425,7 @@ class Search:
 
     def rungs(self) -> list[Step]:
         """The steps, each fitted with those before it; made anew where members have changed."""
-        if not self.rearranged:
+        if not self.rearranged or not self.steps:
             return self.steps
         members, last = [s.cause for s in self.steps], self.steps[-1]
         if len(members) > 1:

@@ -203,7 +203,8 @@ def _diagnosed(
                      "are not given")  # fmt: skip
     tell("the rest")
     rest = with_line(
-        unexplained(space, last, floor or rungs[-1].rms_nm, _by_laws_nm(rungs), rng),
+        unexplained(space, last, floor or rungs[-1].rms_nm, _by_laws_nm(rungs), rng,
+                    rungs[-1].rms_nm),
         find_line(clean, last.point.model), floor,
     )  # fmt: skip
     advice = follow_up(space, last, confused)

@@ -168,10 +168,13 @@ class Group:
             memo.remember(model)
 
     def begun(self, samples: int) -> Group:
-        """The group up to the last turning point within so many samples, two half loops at least.
+        """The group up to the last turning point within so many samples of its blocks, two half
+        loops of them at least.
         """
-        loops = self.loops
-        count = max(int(np.searchsorted(loops.stop, samples, side="right")), min(2, len(loops)))
+        loops, first = self.loops, self.blocks[0][0]
+        before = int(np.searchsorted(loops.stop, first, side="right"))
+        count = int(np.searchsorted(loops.stop, first + samples, side="right"))
+        count = max(count, min(before + 2, len(loops)))
         end = min(int(loops.stop[count - 1]) + 1, self.drive_v.size) if len(loops) else samples
         return replace(
             self, time_s=self.time_s[:end], drive_v=self.drive_v[:end],

@@ -20,6 +20,7 @@ from piezo_rig.diagnosis.linear import Frame, Linear, Pieces, summed
 FloatArray = NDArray[np.float64]
 BASE_CUT = 1e-9  # squared length of a base column of unit length that is no direction any more
 KEEP = 1e-7  # the same of the columns that are left: rounding has taken its share of them
+ROUNDED = 1e-7  # the same, of what they were before anything was projected off
 KEPT = 64  # reductions of a frame
 
 
@@ -194,7 +195,7 @@ def _axes(linear: Linear, pieces: Pieces, free: Sequence[int]) -> Axes:
     size = b + sum(frame.counts)
     # where a base column is among the residual's products: own columns are behind the frame's
     place = {i: i if i < b else size + i - b if i < p else b + i - p for i in free}
-    shared = _shared(frame, pieces, tuple(j for j in place.values() if j < size))
+    shared = reduced_frame(frame, pieces, tuple(j for j in place.values() if j < size))
     off = [size + i - b for i in range(b + lay.twice, p) if i not in place]
     trials = size + p - b + np.arange(lay.trials)
     columns = np.array([*off, *trials, *place.values()], int)
@@ -226,7 +227,7 @@ def _axes(linear: Linear, pieces: Pieces, free: Sequence[int]) -> Axes:
     ))  # fmt: skip
 
 
-def _shared(frame: Frame, pieces: Pieces, freed: tuple[int, ...]) -> Shared:
+def reduced_frame(frame: Frame, pieces: Pieces = None, freed: tuple[int, ...] = ()) -> Shared:
     """Bands and powers but those that are freed projected off the frame; known ones are kept."""
     key = (None if pieces is None else tuple(pieces), freed)
     if key in frame.reduced:
@@ -243,7 +244,7 @@ def _shared(frame: Frame, pieces: Pieces, freed: tuple[int, ...]) -> Shared:
         off, _ = _orthonormal(gram[np.ix_(base, base)], BASE_CUT)
         cross = off @ gram[np.ix_(base, rest)]
         columns = columns - cross.T @ cross
-    axes, inside = _orthonormal(columns, KEEP)
+    axes, inside = _orthonormal(columns, KEEP, _least(columns, gram[np.ix_(rest, rest)]))
     frame.reduced[key] = Shared(
         gram, base, rest, off, cross, axes, inside[:, :f], inside[:, f:],
         _unit(columns[:f, :f], len(axes)), _unit(columns[f:, f:], len(axes)),
@@ -282,12 +283,24 @@ def _orthonormal(
         return np.zeros((0, len(gram))), np.zeros((0, len(gram)))
     length = _unit_of(gram) if length is None else np.where(length > 0.0, length, 1.0)
     upper, pivots, rank, _ = lapack.dpstrf(gram / np.outer(length, length), tol=cut)
+    if rank == 0:
+        return np.zeros((0, len(gram))), np.zeros((0, len(gram)))
     pivots, upper = pivots - 1, np.triu(upper[:rank])
     inverse, _ = lapack.dtrtri(upper[:, :rank])
     takes, columns = np.zeros((rank, len(gram))), np.empty((rank, len(gram)))
     takes[:, pivots[:rank]] = inverse.T
     columns[:, pivots] = upper
     return takes / length, columns * length
+
+
+def _least(left: FloatArray, gram: FloatArray) -> FloatArray:
+    """Lengths (n,) of which `KEEP` is left at least of whatever is a direction.
+
+    What is left of columns, by their Gram matrices after and before projection, is known to a
+    share of what they were: Gram matrices square the condition of the base.
+    """
+    square = np.maximum(np.diag(left), ROUNDED / KEEP * np.diag(gram))
+    return np.asarray(np.sqrt(np.maximum(square, 0.0)))
 
 
 def _unit(gram: FloatArray, rank: int) -> float:

@@ -114,7 +114,9 @@ def _unknown(search: Search) -> bool:
             square += max(before**2 - after**2, 0.0)
         before = after
     by_laws_nm = float(np.sqrt(square))
-    found = unexplained(search.space, search.fitted, search.noise_nm, by_laws_nm, search.rng)
+    found = unexplained(
+        search.space, search.fitted, search.noise_nm, by_laws_nm, search.rng, before
+    )
     return found.detected
 
 

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from piezo_rig.diagnosis import reduction
 from piezo_rig.diagnosis.likelihood import GRID, Likelihood
 from piezo_rig.diagnosis.linear import Linear
 from piezo_rig.diagnosis.noise import Spectrum, Whitener
@@ -118,3 +119,21 @@ def test_rows_are_filtered_as_each_by_itself():
     red = Whitener(Spectrum(np.array([1e-3, 0.5]), np.log([1.0, 0.1]), np.zeros(2)))
     rows = np.random.default_rng(0).standard_normal((19, 64))
     assert red(rows) == pytest.approx(np.array([red(row) for row in rows]))
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_what_rounding_leaves_of_columns_inside_the_base_is_no_direction(seed):
+    """Neighbours differ little, as bands and fine thresholds do, down to what rounding hides."""
+    rng = np.random.default_rng(seed)
+    bands, own = 1e3 * rng.standard_normal((2, 15, SAMPLES))
+    bands = np.vstack([bands, bands + np.geomspace(1e-2, 4e-5, 15)[:, None] * own])
+    fine = bands[:15] + bands[15:]
+    fine += np.geomspace(1e-1, 1e-7, 15)[:, None] * 1e3 * rng.standard_normal(fine.shape)
+    frame = linear_of(np.vstack([bands, fine]), own[0], len(bands), 0, len(fine), 0).frame
+    shared = reduction.reduced_frame(frame)
+    off = shared.off @ bands
+    basis = shared.axes @ (fine - shared.cross.T @ off)
+    assert len(off) == len(bands)
+    assert len(basis) > 4
+    np.testing.assert_allclose(basis @ basis.T, np.eye(len(basis)), atol=1e-3)
+    np.testing.assert_allclose(basis @ off.T, 0.0, atol=1e-3)
