@@ -39,8 +39,9 @@ from piezo_rig.diagnosis.reaches import Intervals
 from piezo_rig.diagnosis.refit import Fitted, refit, settle
 from piezo_rig.diagnosis.scan import LEVEL
 from piezo_rig.diagnosis.space import Space
-from piezo_rig.diagnosis.unexplained import unexplained, with_line
+from piezo_rig.diagnosis.unexplained import unexplained, with_gain, with_line
 from piezo_rig.diagnosis.unlike import within_what_is_wrong
+from piezo_rig.diagnosis.unsteady import unsteady
 from piezo_rig.identification import prepare
 from piezo_rig.run_file.sweep import Sweep
 
@@ -207,6 +208,7 @@ def _diagnosed(
                     rungs[-1].rms_nm),
         find_line(clean, last.point.model), floor,
     )  # fmt: skip
+    rest = with_gain(rest, unsteady(space.groups, space.whitener, last.point.model), floor)
     advice = follow_up(space, last, confused)
     if reading is None and any(
         CAUSES[c].place == "drive" for cause, others in confused.items() if others

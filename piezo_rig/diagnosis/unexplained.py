@@ -16,11 +16,13 @@ from piezo_rig.diagnosis.refit import Fitted
 from piezo_rig.diagnosis.scan import LEVEL
 from piezo_rig.diagnosis.scores import score_generic
 from piezo_rig.diagnosis.space import Space
+from piezo_rig.diagnosis.unsteady import Unsteady
 
 FloatArray = NDArray[np.float64]
 WORDS = ("drive", "displacement", "direction", "range", "time_since_turn", "cycle", "clock",
          "frequency")  # fmt: skip
-LINES = 0.2  # of the false alarms that a line may take
+LINES = 0.2  # of the false alarms that a line may take, and a gain
+SEEN = 0.1  # of the noise floor: an unsteady gain that is worth a word
 OF_LAWS = 0.03  # of what accepted causes explain, up to the noise: no law is known better
 SHARE = 0.2  # of the structured power that a tag must carry to be named
 BEYOND = 0.7  # of the noise floor, by which what repeats share may be missed
@@ -115,6 +117,20 @@ def with_line(rest: Unexplained, line: Line | None, floor_nm: float | None) -> U
     text = f"a line at {line.frequency:.1f} Hz in clock time, {line.rms_nm:.2g} nm rms"
     return Unexplained(
         True, min(rest.p_value, line.p_value), float(np.hypot(rest.rms_nm, line.rms_nm)),
+        rest.allowance_nm, words, f"{rest.text}; {text}" if rest.text else text,
+    )  # fmt: skip
+
+
+def with_gain(rest: Unexplained, gain: Unsteady | None, floor_nm: float | None) -> Unexplained:
+    """The verdict with a gain that differs between recordings or along them."""
+    if gain is None or gain.p_value > LEVEL * LINES or gain.rms_nm < SEEN * (floor_nm or 0.0):
+        return rest
+    words = [w for w in WORDS if w in {*rest.depends_on, "clock", "displacement"}]
+    text = (f"recordings of the same drive differ by {100.0 * gain.share:.2g} % of the "
+            f"displacement, {gain.rms_nm:.2g} nm rms: the gain of amplifier or sensor is not "
+            "steady")  # fmt: skip
+    return Unexplained(
+        True, min(rest.p_value, gain.p_value), float(np.hypot(rest.rms_nm, gain.rms_nm)),
         rest.allowance_nm, words, f"{rest.text}; {text}" if rest.text else text,
     )  # fmt: skip
 
