@@ -56,6 +56,13 @@ class Context:
         """A typical slew rate while the drive moves."""
         return float(np.median(self.slews_v_per_s)) if self.slews_v_per_s.size else 1.0
 
+    @property
+    def several_speeds(self) -> bool:
+        """Whether half loops differ in speed by a factor of 1.5 or more."""
+        slews = self.slews_v_per_s
+        low, high = np.percentile(slews[slews > 0.02 * slews.max()], [5, 95])
+        return bool(high > 1.5 * low)
+
 
 class Cause(Stage):
     """A stage that a diagnosis can look for.
@@ -157,6 +164,10 @@ class Cause(Stage):
             interval = (p.value - half, p.value + half) if half > 0 else None
             out[name] = Parameter(p.value, p.unit, interval)
         return out
+
+    def plausible(self, context: Context) -> bool:
+        """Whether data of this kind tell these numbers from what looks the same."""
+        return True
 
     def between_samples(self, step_s: float) -> dict[str, float]:
         """Standard deviations of parameters from what the drive may do between samples.

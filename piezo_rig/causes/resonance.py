@@ -26,6 +26,7 @@ from piezo_rig.chain.stage import Signal, Stage
 LOWEST_HZ, HIGHEST_HZ = 110.0, 2500.0  # below lies the hum
 APART = 0.12  # neighbouring examples, relative
 DAMPING = 0.05
+MOST = 0.5  # damping: above it a mode hardly rings, and is a lag by another name
 FINER, DAMPINGS = 13, (0.01, 0.02, 0.05, 0.12)  # examples about the likeliest
 EXAMPLE = 0.01  # share
 LITTLE = 0.2  # of the displacement: what the base model does may be taken to pass such a mode
@@ -43,7 +44,7 @@ class Resonance(Cause):
     units: ClassVar[Mapping[str, str]] = {"share": "1", "frequency": "Hz", "damping": "1"}
     sharp: ClassVar[Mapping[str, float]] = {"frequency": 20.0, "damping": 2.0}
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {
-        "share": (0.0, 2.0), "frequency": (20.0, 20_000.0), "damping": (1e-3, 0.9),
+        "share": (0.0, 2.0), "frequency": (20.0, 20_000.0), "damping": (1e-3, MOST),
     }
 
     @property

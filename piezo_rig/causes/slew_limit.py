@@ -24,6 +24,7 @@ from piezo_rig.chain.increments import Increment, Operation
 from piezo_rig.chain.stage import Signal, Stage
 
 # of the fastest half loop; just below it, where only that one shows
+BELOW = 0.98  # of the only speed that is played
 SHARES = (0.9995, 0.9985, 0.9965, 0.99, 0.97, 0.94, 0.9, 0.85, 0.78, 0.7, 0.6, 0.5, 0.4, 0.3)
 BETWEEN = np.geomspace(0.87, 1.15, 57)  # of the likeliest of those
 
@@ -86,6 +87,11 @@ class SlewLimit(Cause):
             return []
         fastest = float(context.slews_v_per_s.max())
         return [[cls.of(None, limit=share * fastest)] for share in SHARES]
+
+    def plausible(self, context: Context) -> bool:
+        """Where one speed is played, a limit just below it is a delay or a lag by another name."""
+        fastest = float(context.slews_v_per_s.max(initial=0.0))
+        return context.several_speeds or self["limit"] < BELOW * fastest
 
     @classmethod
     def finer(cls, trials: Sequence[Stage]) -> list[list[Stage]]:

@@ -102,7 +102,10 @@ def text(d: Diagnosis) -> list[str]:
         lines.append(line)
     lines.append("")
     if not d.findings:
-        lines.append("findings  none: the baseline says all that these data can show")
+        lines.append(
+            "findings  none: no known cause says what is left" if d.unexplained.detected
+            else "findings  none: the baseline says all that these data can show"
+        )
     for finding in d.findings:
         lines.append(
             f"finding   {finding.cause} ({finding.place}), "

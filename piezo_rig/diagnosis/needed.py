@@ -5,9 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from piezo_rig.causes import CAUSES
+from piezo_rig.causes.cause import Cause
 from piezo_rig.diagnosis.chances import chi2_at
 from piezo_rig.diagnosis.fit import Point
 from piezo_rig.diagnosis.refit import Fitted, changed_um, playable
+from piezo_rig.diagnosis.scan import context_of
 from piezo_rig.diagnosis.space import Space
 
 CHANCE = 0.3  # log-likelihood that every element of a table gains
@@ -68,6 +70,8 @@ def does_nothing(space: Space, point: Point, id: str) -> bool:
         low, high = getattr(kind, "limits", {}).get(name, (-np.inf, np.inf))
         if not low < stage[name] < high:
             return True
+    if isinstance(stage, Cause) and not stage.plausible(context_of(space, point.model)):
+        return True
     less = point.model.without(id)
     if not playable(space, less):  # the tables alone are no actuator: the member does much
         return False

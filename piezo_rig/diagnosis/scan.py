@@ -137,7 +137,7 @@ def candidates(space: Space, model: Model) -> tuple[list[Candidate], dict[str, s
                 "the model has one curve for the first rise and all others"
             )
             continue
-        if kind.needs_speeds and not _several_speeds(context):
+        if kind.needs_speeds and not context.several_speeds:
             refused[id] = (
                 "all half loops are about equally fast: a delay, a lag of the drive and a loop "
                 "that opens with speed cannot be told from each other or from the model's own "
@@ -156,13 +156,6 @@ def candidates(space: Space, model: Model) -> tuple[list[Candidate], dict[str, s
 def one_curve(model: Model) -> bool:
     """Whether the first rise of a model follows the same elements as all others."""
     return not any(s.has_elements and s.id != "maxwell" for s in model.stages)
-
-
-def _several_speeds(context: Context) -> bool:
-    """Whether half loops differ in speed by a factor of 1.5 or more."""
-    moving = context.slews_v_per_s[context.slews_v_per_s > 0.02 * context.slews_v_per_s.max()]
-    low, high = np.percentile(moving, [5, 95])
-    return bool(high > 1.5 * low)
 
 
 @dataclass(frozen=True, eq=False)

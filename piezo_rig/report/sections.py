@@ -42,6 +42,8 @@ from piezo_rig.report.words import (
 
 def findings_html(found: Diagnosis, residuals: Residuals | None) -> str:
     """One card to a finding, in the order in which they were accepted."""
+    if not found.findings and found.unexplained.detected:
+        return "<p>No cause was named: none that is known says what is left.</p>"
     if not found.findings:
         return (f"<p>No cause was named: {escape(found.baseline)} says all that these data can "
                 "show.</p>")  # fmt: skip

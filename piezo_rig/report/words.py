@@ -134,6 +134,8 @@ def verdict(d: Diagnosis) -> list[str]:
         names = listed([_counted(f) for f in d.findings])
         out.append(f"{'One cause was' if count == 1 else f'{count} causes were'} named: {names}."
                    f"{_most(d)}")  # fmt: skip
+    elif d.unexplained.detected:
+        out.append("No cause was named: none that is known says what is left.")
     else:
         out.append("No cause was named: the model says all that these data can show.")
     if len(d.rungs) > 1:
