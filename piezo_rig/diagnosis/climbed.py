@@ -142,7 +142,7 @@ def _climbed(
     if out.kind != folds:
         gates.append((carries_over, AWAY))
     out.ladder = climb(
-        space, first, rng, tell, gates, floor or space.noise_nm, others, helps
+        space, first, rng, tell, gates, floor or space.sample_noise_nm, others, helps
     )  # fmt: skip
     if not out.monitored or reading is None:
         return _at_their_reaches(out, tell)

@@ -26,6 +26,7 @@ from piezo_rig.diagnosis.fit import Point
 from piezo_rig.diagnosis.groups import Group, Groups
 from piezo_rig.diagnosis.left_before import left_before
 from piezo_rig.diagnosis.linear import Bands, Fixed, Frame, Key, Piece, joined, no_bands
+from piezo_rig.diagnosis.noise import Spectrum
 from piezo_rig.diagnosis.whitening import CellWhitener
 
 FloatArray = NDArray[np.float64]
@@ -86,8 +87,14 @@ class Columns:
     @property
     def noise_nm(self) -> float:
         """Noise of one recording at the thinned rate, rms."""
-        grid = np.linspace(0.0, 0.5, 2001)[1:]
-        return 1e3 * float(np.sqrt(np.mean(self.whitener.spectrum.power(grid, 0.0))))
+        return 1e3 * _rms(self.whitener.spectrum)
+
+    @property
+    def sample_noise_nm(self) -> float:
+        """Noise of one recording sample by sample, rms, as errors are counted."""
+        if self.whitener.samples is not None:
+            return 1e3 * _rms(self.whitener.samples.spectrum)
+        return float(np.sqrt(self.groups.factor)) * self.noise_nm
 
     def prepare(self, model: Model) -> None:
         """Build and whiten the fixed columns; ``model`` predicts where on its way the sensor is.
@@ -307,6 +314,11 @@ class Columns:
         return replace(
             whole, time_s=time, drive_v=thin(whole, group.drive_v), blocks=((0, time.size),)
         )
+
+
+def _rms(spectrum: Spectrum) -> float:
+    grid = np.linspace(0.0, 0.5, 2001)[1:]
+    return float(np.sqrt(np.mean(spectrum.power(grid, 0.0))))
 
 
 def numbers_of(stage: Stage) -> Numbers:

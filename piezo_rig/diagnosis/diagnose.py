@@ -188,7 +188,8 @@ def _diagnosed(
         ] if step not in search.monitored else []  # it was seen where none of those would show
         confused[step.cause] += [
             c for c in within_what_is_wrong(
-                space, last, step.cause, 1e-3 * rungs[-1].rms_nm, 1e-3 * (floor or space.noise_nm)
+                space, last, step.cause, 1e-3 * rungs[-1].rms_nm,
+                1e-3 * (floor or space.sample_noise_nm),
             )
             if c not in confused[step.cause] and c not in members
         ]

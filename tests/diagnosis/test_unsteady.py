@@ -31,9 +31,9 @@ def noise(rng: np.random.Generator, n: int, colour: str) -> np.ndarray:
     return 0.5 * white + 0.25 * ar
 
 
-def session(seed: int, colour: str, gain) -> list[Sweep]:
+def session(seed: int, colour: str, gain, samples: int = 4000) -> list[Sweep]:
     """Two drives, three times each; ``gain`` : of recording and time, what the sensor shows."""
-    rng, out, time = np.random.default_rng(seed), [], np.arange(4000) / RATE
+    rng, out, time = np.random.default_rng(seed), [], np.arange(samples) / RATE
     for number in range(6):
         top = (70.0, 45.0)[number % 2]
         volts = top * (1.0 - np.abs(2.0 * ((1.5 * time) % 1.0) - 1.0))
