@@ -68,39 +68,46 @@ def unexplained(
     generic_gram = gram[bends + fines :, bends + fines :]
     fine_gram = gram[bends : bends + fines, bends : bends + fines]
     rms = 1e3 * float(np.sqrt(max(float(generic @ generic_gram @ generic), 0.0) / samples))
-    rms_of_tags = rms
     mismatch = 1e3 * float(np.sqrt(max(float(fine @ fine_gram @ fine), 0.0) / samples))
-    allowance = float(np.linalg.norm([
-        max(mismatch, 0.02 * noise_nm, _known_nm(space, noise_nm)),
-        3e-6 * 1e3 * space.groups.travel_um, min(OF_LAWS * explained_nm, noise_nm),
-    ]))  # fmt: skip
-    repeated = all(g.repeats > 1 for g in space.groups.groups)
-    shared = float(np.sqrt(max(held_out_nm**2 - noise_nm**2, 0.0))) if repeated else 0.0
-    missed = float(np.linalg.norm([
-        BEYOND * noise_nm, 1e3 * LUMPS * space.groups.travel_um, _known_nm(space, noise_nm),
-        min(OF_LAWS * explained_nm, noise_nm),
-    ]))  # fmt: skip
+    known, of_laws = _known_nm(space, noise_nm), min(OF_LAWS * explained_nm, noise_nm)
+    travel_nm = 1e3 * space.groups.travel_um
+    allowance = float(np.linalg.norm(
+        [max(mismatch, 0.02 * noise_nm, known), 3e-6 * travel_nm, of_laws]
+    ))  # fmt: skip
+    missed = float(np.linalg.norm([BEYOND * noise_nm, LUMPS * travel_nm, known, of_laws]))
+    shared = _shared_nm(space, noise_nm, held_out_nm)
+    named = _named(space, generic, generic_gram)
+    if mismatch > rms:
+        named.append("drive")  # fine thresholds have taken most of it
     if shared > missed:
         rms, allowance = max(rms, shared), missed
     elif not (p < LEVEL and rms > allowance):
         return Unexplained(False, p, rms, allowance, [], "")
-    power: dict[str, float] = {}
-    for tag in dict.fromkeys(space.tags):
-        k = np.array([i for i, t in enumerate(space.tags) if t == tag])
-        value = float(generic[k] @ generic_gram[np.ix_(k, k)] @ generic[k])
-        power[tag] = max(value, 0.0)
-    total = max(sum(power.values()), 1e-300)
-    ranked = sorted(power, key=lambda t: -power[t])
-    named: list[str] = []
-    for tag in ranked:
-        if power[tag] >= SHARE * total or not named:
-            named += [w for w in dictionary.depends_on(tag) if w not in named]
-    if mismatch > rms_of_tags:
-        named.append("drive")  # fine thresholds have taken most of it
     words = [w for w in WORDS if w in named]
     text = (f"{rms:.2g} nm rms that no known cause explains; it goes with "
             + ", ".join(w.replace("_", " ") for w in words))  # fmt: skip
     return Unexplained(True, p, rms, allowance, words, text)
+
+
+def _shared_nm(space: Space, noise_nm: float, held_out_nm: float) -> float:
+    """What all repeats of every drive agree on, and the model does not follow."""
+    if not all(g.repeats > 1 for g in space.groups.groups):
+        return 0.0
+    return float(np.sqrt(max(held_out_nm**2 - noise_nm**2, 0.0)))
+
+
+def _named(space: Space, generic: FloatArray, gram: FloatArray) -> list[str]:
+    """What the dictionary's share depends on, the strongest first."""
+    power: dict[str, float] = {}
+    for tag in dict.fromkeys(space.tags):
+        k = np.array([i for i, t in enumerate(space.tags) if t == tag])
+        power[tag] = max(float(generic[k] @ gram[np.ix_(k, k)] @ generic[k]), 0.0)
+    total = max(sum(power.values()), 1e-300)
+    named: list[str] = []
+    for tag in sorted(power, key=lambda t: -power[t]):
+        if power[tag] >= SHARE * total or not named:
+            named += [w for w in dictionary.depends_on(tag) if w not in named]
+    return named
 
 
 def _known_nm(space: Space, noise_nm: float) -> float:

@@ -7,6 +7,7 @@ import pytest
 from scipy.signal import lfilter
 
 from piezo_rig.diagnosis import diagnose
+from piezo_rig.diagnosis.unexplained import Unexplained, unexplained
 from piezo_rig.run_file.sweep import Sweep
 
 RATE, NOISE_UM = 1000.0, 2e-3
@@ -61,3 +62,19 @@ def test_what_follows_the_displacement_is_unexplained(colour, gain):
 @pytest.mark.parametrize("seed", [1, 2])
 def test_noise_is_not(colour, seed):
     assert "is not steady" not in diagnose(session(seed, colour, lambda *_: 0.0)).unexplained.text
+
+
+def test_what_all_repeats_agree_on_is_unexplained_whatever_it_looks_like():
+    """Errors of recordings that were left out, against what their repeats differ by."""
+    plain = diagnose(session(7, "white", lambda *_: 0.0))
+    assert not plain.unexplained.detected
+    space, last, floor = plain.workings.space, plain.workings.last, plain.noise_floor_nm
+
+    def of(held_out_nm: float) -> Unexplained:
+        return unexplained(space, last, floor, 0.0, np.random.default_rng(0), held_out_nm)
+
+    assert not of(1.1 * floor).detected
+    found = of(2.0 * floor)
+    assert found.detected
+    assert found.rms_nm == pytest.approx(np.sqrt(3.0) * floor)
+    assert found.depends_on
