@@ -25,6 +25,7 @@ from piezo_rig.diagnosis.climb import BEND
 from piezo_rig.diagnosis.climbed import climbed
 from piezo_rig.diagnosis.confusion import confusion
 from piezo_rig.diagnosis.early import HUM, TRIED, clean_up, find_line, hum_again, read_monitor
+from piezo_rig.diagnosis.early.remembered import without_remembered
 from piezo_rig.diagnosis.engine import plain_space
 from piezo_rig.diagnosis.first_spring import offset_of, with_offset
 from piezo_rig.diagnosis.fit import Point, starting_model
@@ -88,10 +89,11 @@ def _diagnosed(
 ) -> Diagnosis:
     rng = np.random.default_rng(seed)
     data = prepare(sweeps, first_rises=True, clipped=True)
+    tell("baseline")
+    data = without_remembered(data, sweeps, _baseline(group_tracks(data, sweeps), baseline))
     raw = group_tracks(data, sweeps)
     notes = list(data.left_out)
     warnings = data_warnings(raw, sweeps)
-    tell("baseline")
     point = _baseline(raw, baseline)
     flat = plain_space(raw, point.model)
     start = refit(flat, point)

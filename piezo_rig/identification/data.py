@@ -7,7 +7,7 @@ of the actuator's memory is known.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -131,7 +131,10 @@ class Data:
         return float(max(spans))
 
 
-def prepare(sweeps: Sequence[Sweep], first_rises: bool = False, clipped: bool = False) -> Data:
+def prepare(
+    sweeps: Sequence[Sweep], first_rises: bool = False, clipped: bool = False,
+    not_from_rest: Collection[str] = (),
+) -> Data:
     """Check sweeps and join them into tracks.
 
     Parameters
@@ -139,6 +142,7 @@ def prepare(sweeps: Sequence[Sweep], first_rises: bool = False, clipped: bool = 
     first_rises : of sweeps with unknown history that show a first rise from rest, take it for an
         initiation curve (for models that have one of their own)
     clipped : flat tops of a sensor or a drive are said and kept, not refused
+    not_from_rest : names of sweeps that are known to begin with a memory, whatever they look like
 
     Raises
     ------
@@ -163,7 +167,8 @@ def prepare(sweeps: Sequence[Sweep], first_rises: bool = False, clipped: bool = 
             chains.append([i])
     tracks = []
     for chain in chains:
-        track = _track([sweeps[i] for i in chain], chain, first_rises, left_out)
+        rises = first_rises and sweeps[chain[0]].name not in not_from_rest
+        track = _track([sweeps[i] for i in chain], chain, rises, left_out)
         if track is not None:
             tracks.append(track)
     if not tracks:
