@@ -35,6 +35,11 @@ def student_above(x: float, freedom: float) -> float:
     return float(special.stdtr(freedom, -x))
 
 
+def fisher_above(x: float, freedom: float, below: float) -> float:
+    """Chance that a ratio of two mean squares, of so many normal numbers each, is above ``x``."""
+    return float(special.fdtrc(freedom, below, x))
+
+
 def chi2_above(x: ArrayLike, freedom: ArrayLike) -> FloatArray:
     """Chance that a sum of squares of so many standard normal numbers is above ``x``."""
     return np.asarray(special.chdtrc(freedom, x))

@@ -11,14 +11,17 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import fft
 
 from piezo_rig.chain import Model
-from piezo_rig.diagnosis.chances import chi2_above
+from piezo_rig.diagnosis.cells import Cells
+from piezo_rig.diagnosis.chances import fisher_above
 from piezo_rig.diagnosis.groups import Group, Groups
 from piezo_rig.diagnosis.whitening import CellWhitener
 
 FloatArray = NDArray[np.float64]
 PARTS = 12  # of a recording, at most, each with a gain of its own
+SPEEDS = (0.763, 1.31)  # at which noise is asked, beside the displacement's own
 LITTLE = 1e-6  # of the longest column, squared
 
 
@@ -35,7 +38,9 @@ def unsteady(groups: Groups, whitener: CellWhitener, model: Model) -> Unsteady |
     """How far a gain changes between repeats and along them; None without repeats.
 
     Deviations from the mean of a drive's recordings are fitted by the displacement, recording by
-    recording, and part by part of each; of the two the likelier counts, twice.
+    recording, and part by part of each; of the two the likelier counts, twice. Noise is no more of
+    the displacement than of the same played somewhat faster or slower, which is fitted as well:
+    the ratio (Fisher's law) does not hang on how well the spectrum is known.
     """
     if not any(g.repeats > 1 for g in groups.groups):
         return None
@@ -44,45 +49,67 @@ def unsteady(groups: Groups, whitener: CellWhitener, model: Model) -> Unsteady |
 
 
 def _by_parts(groups: Groups, whitener: CellWhitener, model: Model, parts: int) -> Unsteady:
-    chi2 = freedom = power = square = samples = 0.0
+    chi2, beside = np.zeros(2), np.zeros(2)  # sum of squares, and of how many
+    power = square = samples = 0.0
     for group in groups.groups:
         if group.repeats < 2:
             continue
         left = group.at_one_time(model).measured_um
         left = groups.thinned(group, left - left.mean(axis=0))
-        moved = groups.thinned(group, _parts_of(group, model, parts))
+        moved, other = (groups.thinned(group, x) for x in _parts_of(group, model, parts))
         for (a, b), cells in zip(groups.edges(group), groups.cells(group), strict=True):
-            one = whitener.ones(cells)
-            columns, rows = (
-                white - np.outer(white @ one / float(one @ one), one)
-                for white in (whitener(y[:, a:b], cells) for y in (moved, left))
-            )
-            gram = columns @ columns.T
-            kept = np.flatnonzero(np.diag(gram) > LITTLE * np.diag(gram).max())
-            gram = gram[np.ix_(kept, kept)]
-            gains = np.linalg.solve(gram, columns[kept] @ rows.T)  # a column per recording
-            chi2 += float(np.sum(gains * (gram @ gains)))
-            freedom += float(kept.size * (group.repeats - 1))
+            rows = _white(whitener, left[:, a:b], cells)
+            gains, kept, found = _fitted(_white(whitener, moved[:, a:b], cells), rows)
+            chi2 += found, kept.size * (group.repeats - 1)
+            _, there, found = _fitted(_white(whitener, other[:, a:b], cells), rows)
+            beside += found, there.size * (group.repeats - 1)
             lengths = np.sum(cells.centred(moved[kept, a:b]) ** 2, axis=1)
             power += float(lengths @ np.sum(gains**2, axis=1))
             square += group.repeats * float(lengths.sum())
             samples += group.repeats * float(cells.share.sum())
-    real = max(1.0 - freedom / max(chi2, 1e-300), 0.0)  # not what noise alone would make
+    noise = max(beside[0] / beside[1], 1.0)
+    ratio = chi2[0] / chi2[1] / noise
+    real = max(1.0 - 1.0 / max(ratio, 1e-300), 0.0)  # not what noise alone would make
     return Unsteady(
-        min(2.0 * float(chi2_above(chi2, freedom)), 1.0),
+        min(2.0 * fisher_above(ratio, chi2[1], beside[1]), 1.0),
         float(np.sqrt(real * power / max(square, 1e-300))),
         1e3 * float(np.sqrt(real * power / max(samples, 1.0))),
     )
 
 
-def _parts_of(group: Group, model: Model, parts: int) -> FloatArray:
-    """The displacement (k, n) part by part, whole cycles each, less its mean and 0 elsewhere."""
+def _white(whitener: CellWhitener, rows: FloatArray, cells: Cells) -> FloatArray:
+    """Rows whitened, their offsets projected out."""
+    white, one = whitener(rows, cells), whitener.ones(cells)
+    return np.asarray(white - np.outer(white @ one / float(one @ one), one))
+
+
+def _fitted(
+    columns: FloatArray, rows: FloatArray
+) -> tuple[FloatArray, NDArray[np.intp], float]:
+    """Shares (k, R) of columns in rows, which columns were kept, and the squares they explain."""
+    gram = columns @ columns.T
+    kept = np.flatnonzero(np.diag(gram) > LITTLE * np.diag(gram).max())
+    gram = gram[np.ix_(kept, kept)]
+    gains = np.linalg.solve(gram, columns[kept] @ rows.T)
+    return np.asarray(gains), kept, float(np.sum(gains * (gram @ gains)))
+
+
+def _parts_of(group: Group, model: Model, parts: int) -> tuple[FloatArray, FloatArray]:
+    """The displacement (k, n) part by part, whole cycles each, less its mean and 0 elsewhere; and
+    the same at other speeds, each also with every frequency a quarter of its period later.
+    """
     moved = group.predicted(model)
     begin, end = group.blocks[0][0], group.blocks[-1][1]
     turns = [int(k) for k in group.loops.start[2::2] if begin < k < end]
     count = min(parts, len(turns) + 1)
     edges = [begin, *(turns[k * len(turns) // count] for k in range(1, count)), end]
-    out = np.zeros((count, moved.size))
-    for row, (a, b) in zip(out, pairwise(edges), strict=True):
-        row[a:b] = moved[a:b] - moved[a:b].mean()
-    return out
+    out, other = np.zeros((count, moved.size)), np.zeros((2 * len(SPEEDS), count, moved.size))
+    for k, (a, b) in enumerate(pairwise(edges)):
+        part = moved[a:b] - moved[a:b].mean()
+        out[k, a:b] = part
+        for j, speed in enumerate(SPEEDS):
+            warped = np.interp(speed * np.arange(b - a), np.arange(b - a), part, period=b - a)
+            warped -= warped.mean()
+            other[2 * j, k, a:b] = warped
+            other[2 * j + 1, k, a:b] = fft.irfft(-1j * fft.rfft(warped), b - a)
+    return out, other.reshape(-1, moved.size)

@@ -49,7 +49,7 @@ def session(seed: int, colour: str, gain, samples: int = 4000) -> list[Sweep]:
 
 @pytest.mark.parametrize("colour", ["white", "ar"])
 @pytest.mark.parametrize("gain", [
-    lambda number, time: 0.004 * (number >= 4), lambda number, time: 0.003 * np.sin(0.9 * time),
+    lambda number, time: 0.004 * (number >= 4), lambda number, time: 0.006 * np.sin(0.9 * time),
 ], ids=["a step", "a wave"])  # fmt: skip
 def test_what_follows_the_displacement_is_unexplained(colour, gain):
     found = diagnose(session(5, colour, gain)).unexplained
