@@ -12,7 +12,7 @@ from functools import partial
 
 import numpy as np
 
-from piezo_rig.causes.cause import Cause
+from piezo_rig.causes.cause import NEAR, Cause
 from piezo_rig.chain import Stage
 from piezo_rig.diagnosis.abreast import abreast
 from piezo_rig.diagnosis.fit import Point
@@ -94,10 +94,11 @@ def further(space: Space, fitted: Fitted, id: str) -> Fitted:
         moved = point.model.with_stage(stage.with_values(**{names[0]: value}))
         start = replace(point, model=moved)
         try:
-            with space.as_it_is():  # a look by the same columns
-                there = refit(space, start, held=True)
-            if there.evidence < fitted.evidence + BETTER:
-                break
+            if not isinstance(stage, Cause) or stage.near >= NEAR:
+                with space.as_it_is():  # a look by the same columns, where they serve so far
+                    there = refit(space, start, held=True)
+                if there.evidence < fitted.evidence + BETTER:
+                    break
             there = refit(space, start, held=True)
         except (InputError, np.linalg.LinAlgError):
             break  # nothing is left to fit so far out, as beyond a level that is reached
@@ -128,25 +129,19 @@ def beside_kinks(space: Space, fitted: Fitted, id: str) -> Fitted:
         return fitted
     name, step_s = stage.kinked, 1.0 / space.groups.rate
     whole = np.round(stage[name] / step_s)
-    settle(space, fitted.point)
     tried = abreast(space, [
         partial(_begun_at, space, fitted, id, {name: float((whole + beside) * step_s)})
         for beside in (-BESIDE, BESIDE)
     ], fitted.parts)  # fmt: skip
-    best = max([fitted, *tried], key=lambda f: f.evidence)
-    return fitted if best is fitted else refit(space, best.point, steps=1, held=True)
+    return max([fitted, *tried], key=lambda f: f.evidence)
 
 
 def _begun_at(space: Space, fitted: Fitted, id: str, values: Mapping[str, float]) -> Fitted:
-    """Refitted from there, and once more from where that led: evidences are of tangents there.
-
-    By the columns at hand, for so short a way.
-    """
-    with space.as_it_is():
-        there = at_values(space, fitted, id, values)
-        if there is fitted:
-            return fitted
-        return refit(space, there.point, steps=1, held=True)
+    """Refitted from there, and once more from where that led: evidences are of tangents there."""
+    there = at_values(space, fitted, id, values)
+    if there is fitted:
+        return fitted
+    return refit(space, there.point, steps=1, held=True)
 
 
 def reached(space: Space, fitted: Fitted, id: str, than: Fitted) -> Fitted:
