@@ -22,7 +22,7 @@ from piezo_rig.diagnosis.whitening import CellWhitener
 FloatArray = NDArray[np.float64]
 PARTS = 12  # of a recording, at most, each with a gain of its own
 SPEEDS = (0.763, 1.31)  # at which noise is asked, beside the displacement's own
-LITTLE = 1e-6  # of the longest column, squared
+LITTLE = 1e-3  # of the largest singular value: columns of parts that hardly move, or repeat others
 
 
 @dataclass(frozen=True)
@@ -59,14 +59,16 @@ def _by_parts(groups: Groups, whitener: CellWhitener, model: Model, parts: int) 
         moved, other = (groups.thinned(group, x) for x in _parts_of(group, model, parts))
         for (a, b), cells in zip(groups.edges(group), groups.cells(group), strict=True):
             rows = _white(whitener, left[:, a:b], cells)
-            gains, kept, found = _fitted(_white(whitener, moved[:, a:b], cells), rows)
-            chi2 += found, kept.size * (group.repeats - 1)
-            _, there, found = _fitted(_white(whitener, other[:, a:b], cells), rows)
-            beside += found, there.size * (group.repeats - 1)
-            lengths = np.sum(cells.centred(moved[kept, a:b]) ** 2, axis=1)
+            gains, rank, found = _fitted(_white(whitener, moved[:, a:b], cells), rows)
+            chi2 += found, rank * (group.repeats - 1)
+            _, rank, found = _fitted(_white(whitener, other[:, a:b], cells), rows)
+            beside += found, rank * (group.repeats - 1)
+            lengths = np.sum(cells.centred(moved[:, a:b]) ** 2, axis=1)
             power += float(lengths @ np.sum(gains**2, axis=1))
             square += group.repeats * float(lengths.sum())
             samples += group.repeats * float(cells.share.sum())
+    if not (chi2[1] and beside[1]):  # nothing moves
+        return Unsteady(1.0, 0.0, 0.0)
     noise = max(beside[0] / beside[1], 1.0)
     ratio = chi2[0] / chi2[1] / noise
     real = max(1.0 - 1.0 / max(ratio, 1e-300), 0.0)  # not what noise alone would make
@@ -83,15 +85,11 @@ def _white(whitener: CellWhitener, rows: FloatArray, cells: Cells) -> FloatArray
     return np.asarray(white - np.outer(white @ one / float(one @ one), one))
 
 
-def _fitted(
-    columns: FloatArray, rows: FloatArray
-) -> tuple[FloatArray, NDArray[np.intp], float]:
-    """Shares (k, R) of columns in rows, which columns were kept, and the squares they explain."""
-    gram = columns @ columns.T
-    kept = np.flatnonzero(np.diag(gram) > LITTLE * np.diag(gram).max())
-    gram = gram[np.ix_(kept, kept)]
-    gains = np.linalg.solve(gram, columns[kept] @ rows.T)
-    return np.asarray(gains), kept, float(np.sum(gains * (gram @ gains)))
+def _fitted(columns: FloatArray, rows: FloatArray) -> tuple[FloatArray, int, float]:
+    """Shares (k, R) of columns in rows, how many directions they have, and the squares explained.
+    """
+    gains, _, rank, _ = np.linalg.lstsq(columns.T, rows.T, rcond=LITTLE)
+    return np.asarray(gains), int(rank), float(np.sum((columns.T @ gains) ** 2))
 
 
 def _parts_of(group: Group, model: Model, parts: int) -> tuple[FloatArray, FloatArray]:

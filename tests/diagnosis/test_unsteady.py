@@ -2,12 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.signal import lfilter
 
 from piezo_rig.diagnosis import diagnose
+from piezo_rig.diagnosis.fit import starting_model
+from piezo_rig.diagnosis.groups import group_tracks
+from piezo_rig.diagnosis.noise import Spectrum
 from piezo_rig.diagnosis.unexplained import Unexplained, unexplained
+from piezo_rig.diagnosis.unsteady import unsteady
+from piezo_rig.diagnosis.whitening import CellWhitener
+from piezo_rig.identification import prepare
 from piezo_rig.run_file.sweep import Sweep
 
 RATE, NOISE_UM = 1000.0, 2e-3
@@ -78,3 +86,14 @@ def test_what_all_repeats_agree_on_is_unexplained_whatever_it_looks_like():
     assert found.detected
     assert found.rms_nm == pytest.approx(np.sqrt(3.0) * floor)
     assert found.depends_on
+
+
+def test_where_nothing_moves_nothing_is_unsteady():
+    sweeps = session(1, "white", lambda *_: 0.0)
+    groups = group_tracks(prepare(sweeps), sweeps)
+    model = starting_model(groups, (), "classical")
+    still = groups.with_([replace(g, drive_v=np.full_like(g.drive_v, 5.0)) for g in groups.groups])
+    white = CellWhitener(Spectrum(np.array([1e-6, 0.5]), np.log([4e-6, 4e-6]), np.zeros(2)))
+    found = unsteady(still, white, model)
+    assert found.p_value == 1.0
+    assert found.rms_nm == 0.0
