@@ -51,12 +51,6 @@ def off_each(begins, time, x, tau):
 
 
 @numba.njit(cache=True, nogil=True)
-def lagged(time, x, tau):
-    """x behind a first-order lag, shape (n,); it begins settled at the first sample."""
-    return x + off(time, x, tau)
-
-
-@numba.njit(cache=True, nogil=True)
 def relaxations(time, x, taus, out):
     """Lags of x, each less its value at the first sample, into ``out`` (n, taus.size)."""
     count = taus.size
@@ -107,7 +101,7 @@ def relaxed_rows(time, rows, taus, weights):
                 known = step
                 for j in range(taus.size):
                     decay[j] = math.exp(-step / taus[j])
-                    # weight of the straight piece's begin: see `lagged`
+                    # weight of the straight piece's begin: see `relaxations`
                     hold[j] = taus[j] / step * (1.0 - decay[j])
             for j in range(taus.size):
                 a = decay[j]

@@ -157,11 +157,6 @@ class Group:
             row + mean - self.predicted_of(model, [r]) for r, row in enumerate(self.measured_um)
         ]))  # fmt: skip
 
-    def remembered(self, model: Model) -> FloatArray:
-        """`predicted`, stage by stage kept for the neighbours of this model."""
-        self.remember(model)
-        return self.predicted_once(model)
-
     def remember(self, model: Model) -> None:
         """Keep what this model makes stage by stage."""
         for memo in (self.memo, *self.memos.values()):
