@@ -167,7 +167,13 @@ def prepare(
             chains.append([i])
     tracks = []
     for chain in chains:
-        rises = first_rises and sweeps[chain[0]].name not in not_from_rest
+        rises = first_rises
+        if sweeps[chain[0]].name in not_from_rest:
+            rises = False
+            left_out.append(
+                f"{label(sweeps[chain[0]])}: it begins at rest, but as after an earlier excursion "
+                "that was not recorded: its first rise is not taken for an initiation curve"
+            )
         track = _track([sweeps[i] for i in chain], chain, rises, left_out)
         if track is not None:
             tracks.append(track)

@@ -10,7 +10,7 @@ from piezo_rig.diagnosis.fit import Point, starting_model
 from piezo_rig.diagnosis.groups import group_tracks
 from piezo_rig.diagnosis.refit import refit
 from piezo_rig.identification import prepare
-from tests.diagnosis.test_unsteady import session
+from tests.diagnosis.two_drives import session
 
 
 @pytest.mark.parametrize("recordings", [2, 6])

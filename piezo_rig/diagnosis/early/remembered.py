@@ -1,9 +1,10 @@
-"""Which first rises are none: an actuator that begins at rest may remember a larger excursion.
+"""Which first rises are none: an actuator that begins at rest may remember an excursion before.
 
 Where nothing is said of the history, a first cycle that leaves behind what later ones do not is
-taken for a first rise (decision 7). A memory of an excursion that was larger than some of the drive
-and smaller than the rest does that too, and the rise it leaves would be an initiation curve. One
-number says all of such a memory, how far the excursion went; an initiation curve has a table.
+taken for a first rise (decision 7). A memory of nearly all that is played then does that too, and
+would be an initiation curve. One number says all of such a memory, how far the excursion went; an
+initiation curve has a table. What lies beyond the excursion, later branches do not know: a memory
+of much less than the drive is not recognised.
 """
 
 from __future__ import annotations
@@ -34,7 +35,8 @@ WORSE = 2.0  # misfit of a virgin beginning, of that
 def without_remembered(data: Data, sweeps: Sequence[Sweep], point: Point) -> Data:
     """The data, with beginnings that a memory explains not taken for first rises.
 
-    ``point`` : the baseline to begin with, of a classical model with a bend
+    ``point`` : the baseline to begin with. Of a model that is given, or that has an own curve for
+    the first rise, nothing is asked
     """
     guessed = [t for t in data.tracks if t.virgin and sweeps[t.sweeps[0]].history != "virgin"]
     if not guessed or point.fixed or point.has_first_rise:

@@ -11,20 +11,16 @@ from piezo_rig.diagnosis.fit import Point, starting_model
 from piezo_rig.diagnosis.groups import group_tracks
 from piezo_rig.identification import prepare
 from piezo_rig.run_file.sweep import Sweep
+from tests.diagnosis.sliders import play
 
 RATE, NOISE_UM = 1000.0, 2e-3
-R = np.linspace(0.5, 36.0, 72)
+LIMITS = np.linspace(0.5, 36.0, 72)
 
 
-def play(volts: np.ndarray, stiffer: float = 0.0) -> np.ndarray:
-    """Sliders after a spring, from rest; the first rise gives way less."""
-    out, x = np.empty(volts.size), np.zeros(R.size)
+def moved_by(volts: np.ndarray, stiffer: float) -> np.ndarray:
+    """From rest; the first rise gives way less by a share of the spring."""
     furthest = np.maximum.accumulate(np.abs(volts - volts[0]))
-    for k, v in enumerate(volts - volts[0]):
-        x = np.clip(x, v - R, v + R)
-        out[k] = x.sum()
-    moved = 0.08 * (volts - volts[0]) + 0.0007 * out
-    return moved - stiffer * 0.08 * furthest
+    return play(volts, LIMITS, 0.0007) - stiffer * 0.08 * furthest
 
 
 def recording(number: int, volts: np.ndarray, moved: np.ndarray) -> Sweep:
@@ -55,7 +51,7 @@ def ridden(drive, excursion_v: float = 0.0, stiffer: float = 0.0) -> list[Sweep]
     for number in (1, 2):
         volts, up = drive(number), np.linspace(0.0, excursion_v, 200)
         whole = np.concatenate([up, up[::-1], volts]) if excursion_v else volts
-        moved = play(whole, stiffer)[-volts.size :]
+        moved = moved_by(whole, stiffer)[-volts.size :]
         out.append(recording(number, volts, moved - moved[0]))
     return out
 
@@ -70,9 +66,12 @@ def rises(sweeps: list[Sweep]) -> tuple[list[bool], list[bool]]:
 
 @pytest.mark.parametrize("excursion_v", [67.0, 68.0])
 def test_a_memory_of_nearly_all_that_follows_is_no_first_rise(excursion_v):
-    before, after = rises(ridden(walk, excursion_v))
+    sweeps = ridden(walk, excursion_v)
+    before, after = rises(sweeps)
     assert any(before)
     assert not any(after)
+    said = [n for n in diagnose(sweeps).notes if "as after an earlier excursion" in n]
+    assert len(said) == sum(before)
 
 
 @pytest.mark.parametrize("drive", [walk, triangle])
