@@ -100,3 +100,20 @@ def test_a_limit_that_nothing_reaches_is_not_reported():
     stage = CAUSES["drive-clipping"].of(None, lower=-1000.0, upper=70.0)
     assert isinstance(stage, Cause)
     assert set(stage.reported(np.diag([0.0, 0.01]))) == {"upper"}
+
+
+def data_of(*slews: float) -> Context:
+    return Context(Model((MAXWELL,)), 8.0, 60.0, np.array(slews), 1e-3, 1.0, 1e3)
+
+
+@pytest.mark.parametrize(("limit", "slews", "plausible"), [
+    (249.9, (250.0, 250.0), False),  # a lag of 0.7 ms has been called that
+    (200.0, (250.0, 250.0), True), (249.9, (250.0, 60.0), True),
+])  # fmt: skip
+def test_a_limit_just_below_the_only_speed_is_not_told_from_a_lag(limit, slews, plausible):
+    assert CAUSES["slew-limit"].of(None, limit=limit).plausible(data_of(*slews)) == plausible
+
+
+def test_a_mode_that_hardly_rings_is_at_its_limit():
+    low, high = CAUSES["resonance"].limits["damping"]
+    assert low < 0.1 < 0.3 < high <= 0.5  # of 0.55 to 0.65 lags and delays have been called

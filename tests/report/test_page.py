@@ -18,12 +18,14 @@ from small_diagnoses import HOSTILE, diagnosis, sweeps
 from piezo_rig.causes import CAUSES
 from piezo_rig.chain import Parameter
 from piezo_rig.cli import main
+from piezo_rig.diagnosis.document import text
 from piezo_rig.diagnosis.follow_up import FollowUp
 from piezo_rig.diagnosis.isolability import isolability
 from piezo_rig.errors import BenchError
 from piezo_rig.report import views
 from piezo_rig.report.matrix import matrix_html
 from piezo_rig.report.page import page, report_page
+from piezo_rig.report.sections import findings_html
 from piezo_rig.report.words import about, gain_text, interval, scaled, verdict, with_unit
 
 KINDS = ("many", "quiet", "alone", "fixed")
@@ -251,3 +253,13 @@ def test_the_command_line_writes_the_page_and_says_where(tmp_path, capsys):
     text = where.read_text(encoding="utf-8")
     assert re.search(r"[0-9a-f]{64}", text)  # of the file
     assert "Diagnosis of first" in text
+
+
+def test_where_something_is_left_the_model_is_not_said_to_say_all():
+    rest = replace(diagnosis("quiet").unexplained, detected=True, text="5 nm rms are left")
+    found = replace(diagnosis("quiet"), unexplained=rest)
+    assert "no known cause says what is left" in "\n".join(text(found))
+    assert "none that is known says what is left" in findings_html(found, None)
+    said = " ".join(verdict(found))
+    assert "none that is known says what is left" in said
+    assert "says all that these data can show" not in said
