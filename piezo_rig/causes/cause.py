@@ -74,7 +74,7 @@ class Cause(Stage):
     largest : the largest plausible size, in units of the examples' own size; an effect that
         would not show at that size cannot be looked for in the data at hand
     law : what (in the words of a diagnosis' dictionary) a wrong form of its assumed law would
-        depend on, and by which share of the effect's size each term may be off
+        depend on -> by which share of the effect's size each such term may be off
     given : parameters that come with the form of an example and are not fitted
     sharp : parameter -> by how much finer than its example it must be varied
     like_a_bend : whether a large one is taken for a memoryless bend at a first look
@@ -97,7 +97,7 @@ class Cause(Stage):
     priors: ClassVar[Mapping[str, tuple[float, float]]] = {}
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {}
     largest: ClassVar[float] = 30.0
-    law: ClassVar[tuple[tuple[str, ...], float]] = ((), 0.0)
+    law: ClassVar[Mapping[str, float]] = {}
     given: ClassVar[tuple[str, ...]] = ()
     sharp: ClassVar[Mapping[str, float]] = {}
     scanned: ClassVar[tuple[str, float]] = ("", 1.0)

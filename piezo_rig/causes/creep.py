@@ -47,7 +47,7 @@ class Creep(Cause):
     id = "creep"
     place = "actuator"
     together = True
-    law: ClassVar[tuple[tuple[str, ...], float]] = (("time_since_turn",), 0.01)
+    law: ClassVar[Mapping[str, float]] = {"time_since_turn": 0.01}
     units: ClassVar[Mapping[str, str]] = {"rate_per_decade": "1"}
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {
         "rate_per_decade": (0.0, 0.3), **dict.fromkeys(SHARES, (0.0, 20.0)),

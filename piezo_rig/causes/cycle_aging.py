@@ -44,7 +44,7 @@ class CycleAging(Cause):
 
     id = "cycle-aging"
     place = "actuator"
-    law: ClassVar[tuple[tuple[str, ...], float]] = (("cycle",), 0.02)
+    law: ClassVar[Mapping[str, float]] = {"cycle": 0.1, "first rise": 0.1}
     units: ClassVar[Mapping[str, str]] = {"rate_per_decade": "1"}
     optional: ClassVar[Mapping[str, str]] = {"whole": "1"}
     given: ClassVar[tuple[str, ...]] = ("whole",)

@@ -40,7 +40,9 @@ class DirectionAsymmetry(Cause):
     id = "direction-asymmetry"
     place = "actuator"
     together = True
-    law: ClassVar[tuple[tuple[str, ...], float]] = (("direction", "drive+direction"), 0.1)
+    law: ClassVar[Mapping[str, float]] = {
+        "direction": 0.1, "drive+direction": 0.1, "first rise": 0.2,
+    }  # fmt: skip
     units: ClassVar[Mapping[str, str]] = {"ratio": "1"}
     neutral: ClassVar[Mapping[str, float]] = {"ratio": 1.0}
     optional: ClassVar[Mapping[str, str]] = REACHING

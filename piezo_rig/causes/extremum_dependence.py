@@ -12,6 +12,7 @@ Plausible: thesis (Appendix B), 9.5e-4 V/um per V and -0.085 V/um; r-squared 0.0
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import ClassVar
 
 from piezo_rig.causes.cause import FirstSpring
@@ -23,10 +24,10 @@ class ExtremumDependence(FirstSpring):
     """``slope`` and ``offset`` of k_1 over the drive at the last turning point."""
 
     id = "extremum-dependence"
-    law: ClassVar[tuple[tuple[str, ...], float]] = (
-        ("drive+direction", "range+drive", "time_since_turn+direction"),
-        0.1,
-    )
+    law: ClassVar[Mapping[str, float]] = {
+        "drive+direction": 0.1, "range+drive": 0.1, "time_since_turn+direction": 0.1,
+        "first rise": 0.2,
+    }  # fmt: skip
 
     closings: ClassVar[tuple[float, ...]] = (0.0, 1.0)
 

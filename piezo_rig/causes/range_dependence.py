@@ -30,10 +30,10 @@ class RangeDependence(FirstSpring):
     """``slope`` and ``offset`` of k_1 over the input range."""
 
     id = "range-dependence"
-    law: ClassVar[tuple[tuple[str, ...], float]] = (
-        ("range", "range+drive", "direction", "time_since_turn+direction"),
-        0.1,
-    )
+    law: ClassVar[Mapping[str, float]] = {
+        "range": 0.1, "range+drive": 0.1, "direction": 0.1, "time_since_turn+direction": 0.1,
+        "first rise": 0.2,
+    }  # fmt: skip
 
     optional: ClassVar[Mapping[str, str]] = {**REACHING, "ties": "1"}
     given: ClassVar[tuple[str, ...]] = (*GIVEN, "ties")

@@ -40,7 +40,7 @@ class RateDependence(Cause):
     id = "rate-dependence"
     place = "actuator"
     together = True
-    law: ClassVar[tuple[tuple[str, ...], float]] = (("frequency",), 0.05)
+    law: ClassVar[Mapping[str, float]] = {"frequency": 0.05, "first rise": 0.05}
     needs_speeds = True
     units: ClassVar[Mapping[str, str]] = {"lag_um": "um", "exponent": "1"}
     optional: ClassVar[Mapping[str, str]] = {"window_s": "s", "widens": "1"}

@@ -40,7 +40,7 @@ from piezo_rig.diagnosis.refit import Fitted, refit, settle
 from piezo_rig.diagnosis.scan import LATER, LEVEL, Found, Scan, extended, scan, score_powers
 from piezo_rig.diagnosis.scores import score_generic
 from piezo_rig.diagnosis.space import Space
-from piezo_rig.diagnosis.spare import NEEDED, clear, faint, idle, less_point, prune, stood_in
+from piezo_rig.diagnosis.spare import NEEDED, clear, faint, idle, one_by_one, prune, stood_in
 from piezo_rig.errors import InputError
 
 FloatArray = NDArray[np.float64]
@@ -357,10 +357,10 @@ class Search:
     def of_a_law(self, fitted: Fitted, id: str) -> str | None:
         """Why a small effect is refused beside a large one whose law is only assumed."""
         kind = CAUSES[id]
-        if not issubclass(kind, Cause) or not kind.law[0]:
+        if not issubclass(kind, Cause) or not kind.law:
             return None
-        laws = {c: kind.law[1] for c in self.causes
-                if c != id and issubclass(kind := CAUSES[c], Cause) and kind.law[0]}  # fmt: skip
+        laws = {c: min(kind.law.values()) for c in self.causes
+                if c != id and issubclass(kind := CAUSES[c], Cause) and kind.law}  # fmt: skip
         if not laws:
             return None
         settle(self.space, fitted.point)
@@ -427,13 +427,4 @@ class Search:
         """The steps, each fitted with those before it; made anew where members have changed."""
         if not self.rearranged or not self.steps:
             return self.steps
-        members, last = [s.cause for s in self.steps], self.steps[-1]
-        if len(members) > 1:
-            self.tell(f"refit up to {', '.join(members[:-1])}, one by one")
-        point, points = last.fitted.point, list[Point]()
-        for id in members[:0:-1]:
-            point = less_point(point, id)
-            points.insert(0, point)
-        fits = abreast(self.space, [partial(refit, self.space, p) for p in points],
-                       last.fitted.parts)  # fmt: skip
-        return [*(replace(s, fitted=f) for s, f in zip(self.steps, fits, strict=False)), last]
+        return one_by_one(self.space, self.steps, self.tell)

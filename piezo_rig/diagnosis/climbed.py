@@ -30,6 +30,7 @@ from piezo_rig.diagnosis.over_scales import over_scales
 from piezo_rig.diagnosis.reaches import Intervals, at_their_reaches
 from piezo_rig.diagnosis.refit import Fitted, refit, settle
 from piezo_rig.diagnosis.space import Space
+from piezo_rig.diagnosis.spare import faded
 
 FloatArray = NDArray[np.float64]
 WORSE, STRICT, AWAY = 1.03, 1.01, 3.0  # by which an extension may raise held-out errors
@@ -163,6 +164,7 @@ def _at_their_reaches(out: Climbed, tell: Callable[[str], None]) -> Climbed:
     out.ladder, out.spread = at_their_reaches(
         out.space, out.ladder, lambda fitted: out.errors(fitted).rms_nm
     )
+    out.ladder = faded(out.space, out.ladder, tell)
     last = out.ladder.last
     settle(out.space, last.point)
     if out.floor_nm is not None:

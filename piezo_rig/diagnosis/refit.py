@@ -222,7 +222,7 @@ def settle(space: Space, point: Point) -> None:
     """Bring the columns of a space to a model, and what its assumed laws leave open."""
     space.first_rise, space.held = point.has_first_rise, bool(point.fixed)
     space.prepare(point.model)
-    lawful = [s for s in point.model.stages if isinstance(s, Cause) and s.law[0]]
+    lawful = [s for s in point.model.stages if isinstance(s, Cause) and s.law]
     key = tuple(s.id for s in point.model.stages), tuple(numbers_of(s) for s in lawful)
     if space.law_of is None or space.law_of[0] != key[0] or not near_to(space.law_of[1], key[1]):
         space.law, space.law_of = laws_of(space, point.model), key
@@ -250,16 +250,14 @@ def laws_of(space: Space, model: Model) -> FloatArray:
     """Variance of every dictionary column that the causes' assumed laws leave open, um^2."""
     out = np.zeros(len(space.tags))
     for stage in model.stages:
-        if not isinstance(stage, Cause) or not stage.law[0]:
+        if not isinstance(stage, Cause) or not stage.law:
             continue
         less = model.without(stage.id)
         if not playable(space, less):
             continue
-        tags, share = stage.law
-        size = share * changed_um(space, less, model)
+        size = changed_um(space, less, model)
         for k, tag in enumerate(space.tags):
-            if tag in tags:
-                out[k] += size**2
+            out[k] += (stage.law.get(tag, 0.0) * size) ** 2
     return out
 
 

@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from piezo_rig.causes import CAUSES
 from piezo_rig.causes.cause import Cause
+from piezo_rig.diagnosis.abreast import abreast
 from piezo_rig.diagnosis.confusion import APART, certainties, strengths
 from piezo_rig.diagnosis.fit import Point
+from piezo_rig.diagnosis.ladder import Ladder, Step
 from piezo_rig.diagnosis.needed import needless, worth_needed
 from piezo_rig.diagnosis.refit import refit, settle
+from piezo_rig.diagnosis.space import Space
 from piezo_rig.diagnosis.unexplained import unexplained
 
 if TYPE_CHECKING:
@@ -26,6 +32,39 @@ def less_point(point: Point, cause: str) -> Point:
     """The same point without a cause."""
     sizes = tuple(s for s in point.sizes if s[0] != cause)
     return Point(point.model.without(cause), point.fixed, sizes)
+
+
+def one_by_one(space: Space, steps: Sequence[Step], tell: Callable[[str], None]) -> list[Step]:
+    """Steps whose members have changed, each fitted anew with those before it."""
+    members, last = [s.cause for s in steps], steps[-1]
+    if len(members) > 1:
+        tell(f"refit up to {', '.join(members[:-1])}, one by one")
+    point, points = last.fitted.point, list[Point]()
+    for id in members[:0:-1]:
+        point = less_point(point, id)
+        points.insert(0, point)
+    fits = abreast(space, [partial(refit, space, p) for p in points], last.fitted.parts)
+    return [*(replace(s, fitted=f) for s, f in zip(steps, fits, strict=False)), last]
+
+
+def faded(space: Space, ladder: Ladder, tell: Callable[[str], None]) -> Ladder:
+    """Without members that cannot be told from nothing any more, now that laws have moved."""
+    steps = list(ladder.steps)
+    while any(s.cause in CAUSES for s in steps):
+        last = steps[-1].fitted
+        settle(space, last.point)
+        found = certainties(space, last, [s.cause for s in steps if s.cause in CAUSES])
+        id = min(found, key=lambda c: found[c])
+        if found[id] >= APART:
+            break
+        tell(f"refit without {id}")
+        less = refit(space, less_point(last.point, id), held=True)
+        steps = [s for s in steps if s.cause != id]
+        if steps:
+            steps[-1] = replace(steps[-1], fitted=less)
+    if len(steps) == len(ladder.steps):
+        return ladder
+    return replace(ladder, steps=tuple(one_by_one(space, steps, tell) if steps else ()))
 
 
 def prune(search: Search) -> None:
@@ -129,7 +168,7 @@ def clear(search: Search) -> None:
     found = strengths(search.space, search.fitted, members)
     for id in sorted(members, key=lambda c: found[c]):
         kinds = [CAUSES[c] for c in search.causes if c != id and found.get(c, 0.0) > found[id]]
-        if found[id] > WEAK or not any(issubclass(k, Cause) and k.law[0] for k in kinds):
+        if found[id] > WEAK or not any(issubclass(k, Cause) and k.law for k in kinds):
             continue
         search.tell(f"refit without {id}")
         less = refit(search.space, less_point(search.fitted.point, id), held=True)
