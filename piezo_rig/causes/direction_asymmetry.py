@@ -41,7 +41,7 @@ class DirectionAsymmetry(Cause):
     place = "actuator"
     together = True
     law: ClassVar[Mapping[str, float]] = {
-        "direction": 0.1, "drive+direction": 0.1, "first rise": 0.2,
+        "direction": 0.1, "drive+direction": 0.1, "first rise": 0.25,
     }  # fmt: skip
     units: ClassVar[Mapping[str, str]] = {"ratio": "1"}
     neutral: ClassVar[Mapping[str, float]] = {"ratio": 1.0}

@@ -26,7 +26,7 @@ class ExtremumDependence(FirstSpring):
     id = "extremum-dependence"
     law: ClassVar[Mapping[str, float]] = {
         "drive+direction": 0.1, "range+drive": 0.1, "time_since_turn+direction": 0.1,
-        "first rise": 0.2,
+        "first rise": 0.25,
     }  # fmt: skip
 
     closings: ClassVar[tuple[float, ...]] = (0.0, 1.0)

@@ -32,7 +32,7 @@ class RangeDependence(FirstSpring):
     id = "range-dependence"
     law: ClassVar[Mapping[str, float]] = {
         "range": 0.1, "range+drive": 0.1, "direction": 0.1, "time_since_turn+direction": 0.1,
-        "first rise": 0.2,
+        "first rise": 0.25,
     }  # fmt: skip
 
     optional: ClassVar[Mapping[str, str]] = {**REACHING, "ties": "1"}

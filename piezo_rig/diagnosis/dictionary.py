@@ -202,7 +202,7 @@ def generic(group: Group, scales: Scales, f: Features) -> tuple[FloatArray, list
         add("range", shaped * f.range, signed * f.range, signed * f.range**2)
         add("range+drive", signed * f.range * f.extremum)
         add("drive+direction", shaped * f.extremum, signed * f.extremum)
-    edges = np.linspace(0.0, 1.0, RISES + 1)[1:]
+    edges = np.concatenate([np.geomspace(0.008, 0.13, 5), np.linspace(0.25, 1.0, RISES)])
     for hat in _hats(f.reach, edges):
         add("first rise", hat * np.clip(f.reach / edges[0], 0.0, 1.0))
     centres = np.linspace(0.0, 1.0, PLACES)
