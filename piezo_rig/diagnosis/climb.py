@@ -187,6 +187,7 @@ class Search:
         scales = self.space.scales
         bent = model.with_stage(Bend.none(scales.low_v, scales.span_v))
         fitted = refit(self.space, Point(bent, (), here.point.sizes), held=True)
+        fitted = converged(self.space, fitted)  # what made up for the bend has to move
         if self.worse(fitted, here) is not None:
             return False
         for i in good:
