@@ -30,6 +30,7 @@ from piezo_rig.diagnosis.forms import (
     converged,
     further,
     reached,
+    summit,
 )
 from piezo_rig.diagnosis.held import own_um_of
 from piezo_rig.diagnosis.ladder import Ladder, Step
@@ -48,7 +49,7 @@ MOST = 8  # findings
 DOUBTFUL = 1e-6  # chance of a false alarm above which a cause must predict unseen data better
 FAR_BEHIND = 0.5  # of the best refit's gain: below it a rival's reach is not looked for
 LARGE = 300.0  # log-likelihood above which the linear start is not trusted
-OFF = 2.0  # an effect must be so many times what a law may be off by
+OFF = 2.5  # an effect must be so many times what a law may be off by
 ROUNDS, FEW = 2, 3
 FAR_OFF, HELPS = 2.0, 0.97  # so many times the noise; held-out error after a step, of that before
 MUCH = 0.8  # the same where a model is held fixed and lacks what the actuator has
@@ -295,8 +296,24 @@ class Search:
             rivals = tuple(result.ids[j] for w, j, _ in tried if j != i and w > worth - NEEDED)
             self.accept(Step(id, float(family[i]), fitted, rivals))
             prune(self)
+            self.scan_anew()
             return True
         return bool(close)
+
+    def scan_anew(self) -> None:
+        """Numbers with several summits, of members that were fitted while the newest was missing.
+
+        How far the laws of the first spring reach is looked for at the end.
+        """
+        for id in self.causes[:-1]:
+            stage = self.fitted.point.model.stage(id)
+            if not isinstance(stage, Cause) or "taper" in stage.parameters:
+                continue
+            if stage.scanned[0] in stage.optional and stage.scanned[0] in stage.parameters:
+                self.tell(f"refit with {id} anew")
+                fitted = summit(self.space, self.fitted, id)
+                if fitted.evidence > self.fitted.evidence + NEEDED:
+                    self.steps[-1] = replace(self.steps[-1], fitted=fitted)
 
     def grown(
         self, here: Fitted, found: Found, i: int, fitted: Fitted, most: float
