@@ -37,6 +37,30 @@ def test_a_large_effect_is_named_alone_and_leaves_nothing(kind, seed, protocol):
 
 
 @pytest.mark.parametrize(
+    ("kind", "seed", "protocol"),
+    [("range-dependence", 1481, "holds"), ("sensor-clipping", 1480, "matrix")],
+)
+def test_no_table_of_its_own_for_the_first_rise_makes_up_for_what_a_large_effect_left(
+    kind, seed, protocol
+):
+    # a law in another form than the catalogue's; a level that moves when a bend is taken in
+    case = draw(kind, seed, protocol, "white", 300.0, 2)
+    found = diagnose(case.sweeps)
+    assert [f.cause for f in found.findings] == [kind]
+    assert not found.unexplained.detected
+
+
+def test_the_window_of_a_rate_law_moves_when_the_lag_beside_it_is_named():
+    case = draw("pair", 1481, "holds", "white", 300.0, 2)
+    found = diagnose(case.sweeps)
+    assert {f.cause for f in found.findings} == set(case.truth.causes)
+    assert found.rungs[-1].rms_nm < 1.03 * 2.0  # of noise
+    for finding in found.findings:
+        for name, true in case.truth.parameters[finding.cause].items():
+            assert finding.parameters[name].value == pytest.approx(true, rel=0.02)
+
+
+@pytest.mark.parametrize(
     ("frequency", "damping", "share"), [(330.0, 0.02, 1.0), (220.0, 0.02, 0.6)]
 )
 def test_a_mode_that_carries_the_actuator_is_named_alone(frequency, damping, share):

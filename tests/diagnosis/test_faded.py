@@ -1,0 +1,80 @@
+"""Members that say nothing any more, once the laws beside them have moved, are dropped."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parent))
+from small_bench import CONDITIONS, recordings
+from test_findings import creep
+
+from piezo_rig.causes import CAUSES, named_model
+from piezo_rig.diagnosis import engine
+from piezo_rig.diagnosis.fit import Point, starting_model
+from piezo_rig.diagnosis.groups import group_tracks
+from piezo_rig.diagnosis.ladder import Ladder, Step
+from piezo_rig.diagnosis.refit import refit
+from piezo_rig.diagnosis.spare import faded
+from piezo_rig.identification import prepare
+
+
+def quiet(text):
+    pass
+
+
+def begun(effect=None):
+    """A space, and a point of the classical model in it."""
+    sweeps = recordings(effect, conditions=CONDITIONS[:2])
+    data = group_tracks(prepare(sweeps, first_rises=True), sweeps)
+    plain = Point(starting_model(data, named_model("classical"), "classical"))
+    whitener, _ = engine.noise_of(data, plain, np.random.default_rng(0))
+    return engine.space_of(data, whitener, plain.model)[0], plain
+
+
+def with_member(point, id, size, **values):
+    stage = CAUSES[id].of(None, **values)
+    (name,) = values
+    return Point(point.model.with_stage(stage), (), (*point.sizes, (id, name, size)))
+
+
+@pytest.fixture(scope="module")
+def fitted():
+    """Creep of 1 %, fitted by itself, and with a drift beside it that is not there."""
+    space, plain = begun(creep(0.01))
+    one = refit(space, with_member(plain, "creep", 0.002, rate_per_decade=0.01), held=True)
+    both = refit(space, with_member(one.point, "thermal-drift", 0.1, rate=0.01), held=True)
+    return space, one, both
+
+
+def test_a_member_that_faded_is_dropped_and_the_others_are_fitted_without_it(fitted):
+    space, one, both = fitted
+    steps = (Step("creep", 1e-9, one), Step("thermal-drift", 1e-4, both))
+    ladder = faded(space, Ladder(one, steps, ()), quiet)
+    assert [s.cause for s in ladder.steps] == ["creep"]
+    assert [s.id for s in ladder.last.point.model.stages if s.id in CAUSES] == ["creep"]
+
+
+def test_a_member_that_others_were_fitted_after_is_dropped_as_well(fitted):
+    space, one, both = fitted
+    drift = Step("thermal-drift", 1e-4, one)
+    ladder = faded(space, Ladder(one, (drift, Step("creep", 1e-9, both)), ()), quiet)
+    assert [s.cause for s in ladder.steps] == ["creep"]
+
+
+def test_a_ladder_that_says_something_stays_itself(fitted):
+    space, one, _ = fitted
+    ladder = Ladder(one, (Step("creep", 1e-9, one),), ())
+    assert faded(space, ladder, quiet) is ladder
+
+
+def test_where_nothing_is_left_the_baseline_is_the_last_rung():
+    space, plain = begun()
+    first = refit(space, plain)
+    drift = refit(space, with_member(plain, "thermal-drift", 0.1, rate=0.01), held=True)
+    ladder = faded(space, Ladder(first, (Step("thermal-drift", 1e-4, drift),), ()), quiet)
+    assert ladder.steps == ()
+    assert ladder.last is first
