@@ -123,6 +123,7 @@ class Search:
     refused_at: dict[str, float] = field(default_factory=dict)  # held-out error to try again at
     rearranged: bool = False
     aside: bool = False  # whether it climbs around a member
+    most: int = MOST  # members
     spoiled: dict[str, Step] = field(default_factory=dict)  # refused for their held-out error
     safe: set[str] = field(default_factory=set)  # tables that nothing can stand in for
     errors: dict[tuple[int, int], tuple[float, Point]] = field(default_factory=dict)
@@ -148,7 +149,7 @@ class Search:
 
     def forward(self) -> None:
         """Take in what the data ask for, one after the other."""
-        while len(self.causes) < MOST:
+        while len(self.causes) < self.most:
             self.tell(f"scan {len(self.scans) + 1}")
             here = self.fitted
             settle(self.space, here.point)

@@ -34,7 +34,8 @@ def detour(search: Search) -> bool:
     """Climb once more without a member; True where that led somewhere better.
 
     One cause may stand in for two others, neither of which improves on it alone. Members that
-    are worth least are tried first, and only where a rival comes near them.
+    are worth least are tried first, and only where a rival comes near them. What needs more than
+    one more member than the ladder at hand is no better explanation.
     """
     if len(search.causes) < 2:
         return False
@@ -59,7 +60,7 @@ def detour(search: Search) -> bool:
             search,
             steps=[replace(s, fitted=less) for s in search.steps if s.cause != member],
             scans=[], barred={member: "tried without"}, refused_at={}, spoiled={}, rearranged=True,
-            aside=True,
+            aside=True, most=min(search.most, len(search.causes) + 1),
         )  # fmt: skip
         other.forward()
         more = len(other.causes) - len(search.causes)
