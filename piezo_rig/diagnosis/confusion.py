@@ -13,8 +13,9 @@ from piezo_rig.causes import CAUSES
 from piezo_rig.causes.cause import Cause
 from piezo_rig.chain import Model
 from piezo_rig.diagnosis.fit import Point
-from piezo_rig.diagnosis.reduction import covariance_of, reduce
-from piezo_rig.diagnosis.refit import Fitted
+from piezo_rig.diagnosis.linear import Linear
+from piezo_rig.diagnosis.reduction import Reduced, covariance_of, reduce
+from piezo_rig.diagnosis.refit import Fitted, settle
 from piezo_rig.diagnosis.scan import candidates
 from piezo_rig.diagnosis.space import Space
 
@@ -55,15 +56,37 @@ def strengths(space: Space, fitted: Fitted, causes: Sequence[str]) -> dict[str, 
 
 def certainties(space: Space, fitted: Fitted, causes: Sequence[str]) -> dict[str, float]:
     """d' of several accepted causes, each with everything else that was fitted projected off."""
-    point = fitted.point
-    linear = space.linear(point, [(point.model.without(c), point.model) for c in causes])
-    found = {}
-    for k, cause in enumerate(causes):
+    point, found = fitted.point, {}
+    others = [c for c in causes if not CAUSES[c].has_elements]
+    settle(space, point)
+    linear = space.linear(point, [(point.model.without(c), point.model) for c in others])
+    for k, cause in enumerate(others):
         reduced = reduce(linear, free=own_columns(point, cause))
-        lower = cholesky(covariance_of(reduced, fitted.scales), lower=True)
-        white = solve_triangular(lower, reduced.trials[:, k], lower=True)
-        found[cause] = float(np.linalg.norm(white))
+        found[cause] = _length(reduced, k, fitted.scales)
+    for cause in causes:
+        if cause not in found:
+            reduced = reduce(about_less(space, point, cause, []))
+            found[cause] = _length(reduced, 0, fitted.scales)
+    settle(space, point)
     return found
+
+
+def _length(reduced: Reduced, k: int, scales: tuple[float, float]) -> float:
+    lower = cholesky(covariance_of(reduced, scales), lower=True)
+    return float(np.linalg.norm(solve_triangular(lower, reduced.trials[:, k], lower=True)))
+
+
+def about_less(
+    space: Space, point: Point, cause: str, pairs: Sequence[tuple[Model, Model]]
+) -> Linear:
+    """What a table of its own does, and other changes, about the model without it.
+
+    Beside it the base has a smooth density and fine thresholds of its own for a first rise, which
+    nobody would have without it: they are its own, and not what it must stand out from.
+    """
+    less = point.without(cause)
+    settle(space, less)
+    return space.linear(less, [(less.model, point.model), *pairs])
 
 
 def own_columns(point: Point, cause: str) -> list[int]:
@@ -95,9 +118,14 @@ def confusion(space: Space, fitted: Fitted, cause: str) -> Confusion:
             continue
         columns[c.id] = c.columns(len(pairs))
         pairs += c.pairs(less)
-    own = own_columns(fitted.point, cause)
     point, kind = fitted.point, CAUSES[cause]
-    linear = space.linear(point, pairs)
+    if kind.has_elements:
+        own = []
+        linear = about_less(space, point, cause, pairs[1:])
+        settle(space, point)
+    else:
+        own = own_columns(point, cause)
+        linear = space.linear(point, pairs)
     reduced = reduce(linear, free=own)
     sigma = covariance_of(reduced, fitted.scales)
     assert issubclass(kind, Cause)

@@ -11,7 +11,7 @@ import numpy as np
 from piezo_rig.diagnosis.abreast import abreast
 from piezo_rig.diagnosis.refit import Fitted, refit, settle
 from piezo_rig.diagnosis.scan import LATER, FloatArray, Scan, by_speed, scan
-from piezo_rig.diagnosis.spare import NEEDED, less_point
+from piezo_rig.diagnosis.spare import NEEDED
 
 if TYPE_CHECKING:
     from piezo_rig.diagnosis.climb import Search
@@ -76,7 +76,7 @@ def detour(search: Search) -> bool:
 
 def _without(search: Search, member: str, rng: np.random.Generator) -> tuple[Fitted, Scan]:
     """Refitted without a member, and what fits then."""
-    less = refit(search.space, less_point(search.fitted.point, member), held=True)
+    less = refit(search.space, search.fitted.point.without(member), held=True)
     settle(search.space, less.point)
     return less, scan(search.space, less, rng, {}).result
 

@@ -76,6 +76,11 @@ class Point:
         """Free stage parameters."""
         return [(stage, name) for stage, name, _ in self.sizes]
 
+    def without(self, cause: str) -> Point:
+        """The same point without a cause."""
+        sizes = tuple(s for s in self.sizes if s[0] != cause)
+        return Point(self.model.without(cause), self.fixed, sizes)
+
     def values(self) -> FloatArray:
         """All free numbers: compliances, linear coefficients, then stage parameters."""
         parts = [1.0 / s.elements.slopes for s in self.tables if s.elements is not None]

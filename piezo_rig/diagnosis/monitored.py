@@ -18,7 +18,7 @@ from piezo_rig.diagnosis.reduction import reduce
 from piezo_rig.diagnosis.refit import Fitted, playable, refit, settle
 from piezo_rig.diagnosis.scan import VISIBLE, context_of
 from piezo_rig.diagnosis.space import Space
-from piezo_rig.diagnosis.spare import NEEDED, less_point
+from piezo_rig.diagnosis.spare import NEEDED
 
 ELSE, UNLIKE = 5.0, 0.25  # standard errors, and share of a delay, by which it is another one
 
@@ -112,7 +112,7 @@ def corrected(space: Space, ladder: Ladder, reading: Reading) -> tuple[Reading, 
     if told is None or stage is None or reading.settled or SKEW in last.point.fixed:
         return None
     seen, others = told.stage["delay"], tuple(t for t in reading.told if t is not told)
-    less = refit(space, less_point(last.point, SKEW), held=True)
+    less = refit(space, last.point.without(SKEW), held=True)
     if less.evidence + NEEDED >= last.evidence:
         return replace(reading, told=others, settled=True), (
             f"the drive monitor is late by {1e3 * seen:.4g} ms, the displacement is not: that "

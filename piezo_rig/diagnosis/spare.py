@@ -28,12 +28,6 @@ SAFE = 20.0  # times what a table must be worth: not looked at again
 WEAK, SHADOW = 10.0, 15.0  # d' and log-likelihood that leave an effect in doubt beside such laws
 
 
-def less_point(point: Point, cause: str) -> Point:
-    """The same point without a cause."""
-    sizes = tuple(s for s in point.sizes if s[0] != cause)
-    return Point(point.model.without(cause), point.fixed, sizes)
-
-
 def one_by_one(space: Space, steps: Sequence[Step], tell: Callable[[str], None]) -> list[Step]:
     """Steps whose members have changed, each fitted anew with those before it."""
     members, last = [s.cause for s in steps], steps[-1]
@@ -41,7 +35,7 @@ def one_by_one(space: Space, steps: Sequence[Step], tell: Callable[[str], None])
         tell(f"refit up to {', '.join(members[:-1])}, one by one")
     point, points = last.fitted.point, list[Point]()
     for id in members[:0:-1]:
-        point = less_point(point, id)
+        point = point.without(id)
         points.insert(0, point)
     fits = abreast(space, [partial(refit, space, p) for p in points], last.fitted.parts)
     return [*(replace(s, fitted=f) for s, f in zip(steps, fits, strict=False)), last]
@@ -58,7 +52,7 @@ def faded(space: Space, ladder: Ladder, tell: Callable[[str], None]) -> Ladder:
         if found[id] >= APART:
             break
         tell(f"refit without {id}")
-        less = refit(space, less_point(last.point, id), held=True)
+        less = refit(space, last.point.without(id), held=True)
         steps = [s for s in steps if s.cause != id]
         if steps:
             steps[-1] = replace(steps[-1], fitted=less)
@@ -73,7 +67,7 @@ def prune(search: Search) -> None:
     for id in search.causes[:-1]:
         if CAUSES[id].has_elements and id not in search.safe:
             search.tell(f"refit without {id}")
-            less = refit(search.space, less_point(new.fitted.point, id), held=True)
+            less = refit(search.space, new.fitted.point.without(id), held=True)
             needed = worth_needed(new.fitted, id)
             if less.evidence < new.fitted.evidence - SAFE * needed:
                 search.safe.add(id)
@@ -83,13 +77,13 @@ def prune(search: Search) -> None:
     for id in search.causes[:-1]:
         if search.of_a_law(new.fitted, id) is not None:
             search.tell(f"refit without {id}")
-            search.drop(id, new, refit(search.space, less_point(new.fitted.point, id), held=True))
+            search.drop(id, new, refit(search.space, new.fitted.point.without(id), held=True))
             new = search.steps[-1]
     spare = needless(new.fitted, [c for c in search.causes if c != new.cause])
     if spare is None:
         return
     search.tell(f"refit without {spare}")
-    less = refit(search.space, less_point(new.fitted.point, spare))
+    less = refit(search.space, new.fitted.point.without(spare))
     if less.evidence >= new.fitted.evidence - NEEDED:
         search.drop(spare, new, less)
 
@@ -103,7 +97,7 @@ def faint(search: Search) -> None:
         if found[id] >= APART:
             return
         search.tell(f"refit without {id}")
-        less = refit(search.space, less_point(search.fitted.point, id), held=True)
+        less = refit(search.space, search.fitted.point.without(id), held=True)
         rest = [s for s in search.steps if s.cause != id]
         if rest:
             search.drop(id, rest[-1], less)
@@ -128,7 +122,7 @@ def idle(search: Search) -> bool:
         tried = search.causes if unknown else tables if len(search.causes) > 1 else []
         for id in reversed(tried):
             search.tell(f"refit without {id}")
-            less = refit(search.space, less_point(search.fitted.point, id), held=True)
+            less = refit(search.space, search.fitted.point.without(id), held=True)
             if not search.helps(less, search.fitted):
                 rest = [s for s in search.steps if s.cause != id]
                 if rest:
@@ -171,7 +165,7 @@ def clear(search: Search) -> None:
         if found[id] > WEAK or not any(issubclass(k, Cause) and k.law for k in kinds):
             continue
         search.tell(f"refit without {id}")
-        less = refit(search.space, less_point(search.fitted.point, id), held=True)
+        less = refit(search.space, search.fitted.point.without(id), held=True)
         if less.evidence > search.fitted.evidence - SHADOW:
             new = next(s for s in reversed(search.steps) if s.cause != id)
             search.drop(id, new, less)
@@ -183,7 +177,7 @@ def stood_in(search: Search, id: str) -> None:
         if other == id or CAUSES[other].has_elements:
             continue
         search.tell(f"refit without {other}")
-        less = search.wholly(less_point(search.fitted.point, other))
+        less = search.wholly(search.fitted.point.without(other))
         if less.evidence > search.fitted.evidence - SHADOW:
             new = next(s for s in reversed(search.steps) if s.cause != other)
             search.drop(other, new, less)

@@ -5,48 +5,31 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 sys.path.insert(0, str(Path(__file__).parent))
 from small_bench import CONDITIONS, recordings
+from spaces import begun, with_member
 from test_findings import creep
 
-from piezo_rig.causes import CAUSES, named_model
-from piezo_rig.diagnosis import engine
-from piezo_rig.diagnosis.fit import Point, starting_model
-from piezo_rig.diagnosis.groups import group_tracks
+from piezo_rig.causes import CAUSES
 from piezo_rig.diagnosis.ladder import Ladder, Step
 from piezo_rig.diagnosis.refit import refit
 from piezo_rig.diagnosis.spare import faded
-from piezo_rig.identification import prepare
 
 
 def quiet(text):
     pass
 
 
-def begun(effect=None):
-    """A space, and a point of the classical model in it."""
-    sweeps = recordings(effect, conditions=CONDITIONS[:2])
-    data = group_tracks(prepare(sweeps, first_rises=True), sweeps)
-    plain = Point(starting_model(data, named_model("classical"), "classical"))
-    whitener, _ = engine.noise_of(data, plain, np.random.default_rng(0))
-    return engine.space_of(data, whitener, plain.model)[0], plain
-
-
-def with_member(point, id, size, **values):
-    stage = CAUSES[id].of(None, **values)
-    (name,) = values
-    return Point(point.model.with_stage(stage), (), (*point.sizes, (id, name, size)))
-
-
 @pytest.fixture(scope="module")
 def fitted():
     """Creep of 1 %, fitted by itself, and with a drift beside it that is not there."""
-    space, plain = begun(creep(0.01))
-    one = refit(space, with_member(plain, "creep", 0.002, rate_per_decade=0.01), held=True)
-    both = refit(space, with_member(one.point, "thermal-drift", 0.1, rate=0.01), held=True)
+    space, plain = begun(recordings(creep(0.01), conditions=CONDITIONS[:2]))
+    creeping = with_member(plain, "creep", {"rate_per_decade": 0.002}, rate_per_decade=0.01)
+    one = refit(space, creeping, held=True)
+    drifting = with_member(one.point, "thermal-drift", {"rate": 0.1}, rate=0.01)
+    both = refit(space, drifting, held=True)
     return space, one, both
 
 
@@ -72,9 +55,9 @@ def test_a_ladder_that_says_something_stays_itself(fitted):
 
 
 def test_where_nothing_is_left_the_baseline_is_the_last_rung():
-    space, plain = begun()
+    space, plain = begun(recordings(conditions=CONDITIONS[:2]))
     first = refit(space, plain)
-    drift = refit(space, with_member(plain, "thermal-drift", 0.1, rate=0.01), held=True)
+    drift = refit(space, with_member(plain, "thermal-drift", {"rate": 0.1}, rate=0.01), held=True)
     ladder = faded(space, Ladder(first, (Step("thermal-drift", 1e-4, drift),), ()), quiet)
     assert ladder.steps == ()
     assert ladder.last is first
