@@ -87,7 +87,7 @@ def find_breaks(
                           key=lambda p: -p.gained)  # fmt: skip
             mixed = any(p.cause == DROP for p in mine)
             exact = [e for p in mine[:LIKELIEST] if (e := _exact(search, p, mixed)) is not None]
-            gained, new = max(exact, key=lambda e: e[0], default=(0.0, None))
+            gained, new = _likeliest(search, groups, exact)
             if new is not None and new.cause == JUMP and mine[0].cause == DROP and (
                 mine[0].gained > gained
             ):  # fmt: skip
@@ -118,6 +118,28 @@ def find_breaks(
         breaks = _plain(groups, predicted, found, breaks, sweeps, g, level)
         breaks = _mending(groups, predicted, breaks, g)
     return Breaks(tuple(breaks))
+
+
+def _likeliest(
+    search: Search, groups: Groups, exact: Sequence[tuple[float, Break | None]]
+) -> tuple[float, Break | None]:
+    """Of breaks of a group that are placed the one that says most, and what it gains.
+
+    A jump and a loss of many samples are counted by stretches that are not equally long: they are
+    compared by what each leaves once it is mended.
+    """
+    best: dict[str, tuple[float, Break | None]] = {}
+    for gained, new in sorted(exact, key=lambda e: e[0]):
+        best[new.cause if new is not None else ""] = gained, new
+
+    def left(b: Break) -> float:
+        whole = mended(groups, search.predicted, [*search.breaks, b])
+        return _left(replace(search, groups=whole), b.group)
+
+    if {JUMP, DROP} <= set(best):
+        both = [best[JUMP], best[DROP]]
+        return min(both, key=lambda e: left(e[1]) if e[1] is not None else np.inf)
+    return max(best.values(), key=lambda e: e[0], default=(0.0, None))
 
 
 def _mending(

@@ -49,7 +49,7 @@ class Search:
 
     def chance(self, gained: float) -> float:
         """Of as much by noise at any of the instants, for either cause."""
-        return min(1.0, 4.0 * self.tried * normal_above(float(np.sqrt(2.0 * gained))))
+        return min(1.0, 4.0 * self.tried * normal_above(float(np.sqrt(2.0 * max(gained, 0.0)))))
 
     def own(self, stretch: Stretch, row: int) -> FloatArray:
         """What a recording has of its own in a stretch, thinned."""
