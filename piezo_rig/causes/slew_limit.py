@@ -12,8 +12,7 @@ Plausible: 50 V/s to 100 kV/s.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from functools import cache
+from collections.abc import Mapping, Sequence
 from typing import ClassVar
 
 import numpy as np
@@ -29,40 +28,6 @@ SHARES = (0.9995, 0.9985, 0.9965, 0.99, 0.97, 0.94, 0.9, 0.85, 0.78, 0.7, 0.6, 0
 BETWEEN = np.geomspace(0.87, 1.15, 57)  # of the likeliest of those
 
 
-@cache
-def _compiled() -> Callable[[FloatArray, FloatArray, float], FloatArray]:
-    import numba  # slow to import, and needed only when the stage acts
-
-    @numba.njit(cache=True)
-    def met(out, before, drive, most):
-        """Where it is a step later, if the drive went straight from ``before`` to ``drive``.
-
-        ``most`` : how far it can go in that step. It may meet the drive on the way, as behind
-        every turning point: from there it goes along, or the other way as fast as it can.
-        """
-        gap, moved = before - out, drive - before
-        way = 1.0 if gap > 0.0 or (gap == 0.0 and moved > 0.0) else -1.0
-        gap, moved = gap * way, moved * way
-        closing = most - moved
-        if closing < gap:
-            return out + way * most
-        if moved >= -most:
-            return drive
-        return out + way * most * (2.0 * gap / closing - 1.0)
-
-    @numba.njit(cache=True)
-    def followed(time, drive, limit):
-        """A drive (n,) that moves towards another one by no more than ``limit`` per second."""
-        out = np.empty(drive.size)
-        out[0] = drive[0]
-        for i in range(1, drive.size):
-            most = limit * max(time[i] - time[i - 1], 0.0)
-            out[i] = met(out[i - 1], drive[i - 1], drive[i], most)
-        return out
-
-    return followed
-
-
 class SlewLimit(Cause):
     """``limit`` of |dV/dt|."""
 
@@ -75,8 +40,10 @@ class SlewLimit(Cause):
     sharp: ClassVar[Mapping[str, float]] = {"limit": 50.0}
 
     def act(self, signal: Signal) -> Signal:
+        from piezo_rig.chain.limited import followed
+
         time, drive = (np.ascontiguousarray(x) for x in (signal.time_s, signal.drive_v))
-        return signal.with_drive(_compiled()(time, drive, self["limit"]))
+        return signal.with_drive(followed(time, drive, self["limit"]))
 
     def increment(self, branches: Branches) -> Increment | str:
         return Increment(Operation.SLEW, (self["limit"],))

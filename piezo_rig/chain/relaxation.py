@@ -51,6 +51,17 @@ def off_each(begins, time, x, tau):
 
 
 @numba.njit(cache=True, nogil=True)
+def held(x, tau):
+    """Behind a lag of ``tau`` samples where every sample is held until the next, at the samples."""
+    out = np.empty(x.size)
+    share = -math.expm1(-1.0 / tau)
+    out[0] = x[0]
+    for n in range(1, x.size):
+        out[n] = out[n - 1] + share * (x[n - 1] - out[n - 1])
+    return out
+
+
+@numba.njit(cache=True, nogil=True)
 def relaxations(time, x, taus, out):
     """Lags of x, each less its value at the first sample, into ``out`` (n, taus.size)."""
     count = taus.size

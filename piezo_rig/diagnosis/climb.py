@@ -62,6 +62,7 @@ MUCH_NEARER = 0.5  # the same for one that came to nothing
 NEAR = 1.1  # held-out error of a rival, of the best one's
 LOOSE = 15.0  # log-likelihood that a law must gain by being let go of
 PLAINLY = 2.0  # and of what any other cause would gain, while there is one
+MASKED = 0.5  # worth of a cause, of that of one which was refused for what it predicts
 PROMISED = 0.5  # of either, by a linear look at what is then free, for a refit to be tried
 LOST = 0.3  # of what a linear look at a cause promised; a refit that keeps less went too far
 BEND = Bend.id
@@ -294,12 +295,28 @@ class Search:
                 self.spoiled[id] = Step(id, float(family[i]), fitted)
                 self.bar(id, here, worse, NEARER)
                 continue
+            if self.masked(here, worth):
+                return True
             rivals = tuple(result.ids[j] for w, j, _ in tried if j != i and w > worth - NEEDED)
             self.accept(Step(id, float(family[i]), fitted, rivals))
             prune(self)
             self.scan_anew()
             return True
         return bool(close)
+
+    def masked(self, here: Fitted, worth: float) -> bool:
+        """Take in two that hide each other, where one alone is worth far more than what is next.
+
+        A creep and a drift that nearly cancel: either alone predicts worse than neither.
+        """
+        most = max((s.fitted.evidence for s in self.spoiled.values()), default=-np.inf)
+        if worth > MASKED * (most - here.evidence):
+            return False
+        spoiled = dict(self.spoiled)
+        if together(self, here):
+            return True
+        self.spoiled = spoiled
+        return False
 
     def scan_anew(self) -> None:
         """Numbers with several summits, of members that were fitted while the newest was missing.

@@ -129,6 +129,9 @@ def _climbed(
     def reported(fitted: Fitted) -> float:
         return out.errors(fitted).rms_nm
 
+    def typical(fitted: Fitted) -> float:
+        return out.errors(fitted).typical_nm
+
     def carries_over(fitted: Fitted) -> float:
         return carried_over_nm(space, fitted, folds)
 
@@ -140,7 +143,9 @@ def _climbed(
     # conditions that were left out ask for extrapolation: only a model that runs away is refused
     close = floor is not None and reported(first) < CLOSE * floor
     gates = [(reported, STRICT if close else WORSE)]
-    if out.kind != folds:
+    if out.kind == "condition":  # the one of the largest range says more than all others together
+        gates = [(typical, WORSE), (reported, AWAY)]
+    elif out.kind != folds:
         gates.append((carries_over, AWAY))
     out.ladder = climb(
         space, first, rng, tell, gates, floor or space.sample_noise_nm, others, helps

@@ -49,6 +49,12 @@ class Errors:
     def rms_nm(self) -> float:
         return 1e3 * float(np.sqrt(self.square.sum() / self.count.sum()))
 
+    @property
+    def typical_nm(self) -> float:
+        """Geometric mean of the recordings' rms errors: none of them outweighs the others."""
+        mean = self.square / np.maximum(self.count, 1e-300)
+        return 1e3 * float(np.exp(0.5 * np.mean(np.log(np.maximum(mean, 1e-300)))))
+
 
 def reported_kind(groups: Groups, kind: str) -> str:
     """Recordings are left out where there are several of every drive, else what `engine` says."""

@@ -370,13 +370,12 @@ class _Reader:
 
 def _lines(v: FloatArray, tau: float) -> At:
     """Straight between samples, behind a lag of ``tau`` samples (0: none), at any instant."""
-    from scipy.signal import lfilter  # takes long to load
+    from piezo_rig.chain.relaxation import off
 
     steps = np.append(np.diff(v), 0.0)
     behind = np.zeros(v.size)  # how far the lag is behind at each sample
     if tau > 0.0:
-        decay = np.exp(-1.0 / tau)
-        behind[1:] = lfilter([tau * (1.0 - decay)], [1.0, -decay], steps[:-1])
+        behind = -off(np.arange(float(v.size)), np.ascontiguousarray(v), tau)
 
     def at(position: FloatArray) -> FloatArray:
         j = np.clip(np.floor(position).astype(int), 0, v.size - 1)
@@ -391,10 +390,9 @@ def _lines(v: FloatArray, tau: float) -> At:
 
 def _stairs(v: FloatArray, tau: float) -> At:
     """Held from each sample to the next, behind a lag of ``tau`` samples, at any instant."""
-    from scipy.signal import lfilter
+    from piezo_rig.chain.relaxation import held
 
-    decay = np.exp(-1.0 / tau)
-    state = v[0] + lfilter([0.0, 1.0 - decay], [1.0, -decay], v - v[0])
+    state = held(np.ascontiguousarray(v), tau)
 
     def at(position: FloatArray) -> FloatArray:
         j = np.clip(np.ceil(position).astype(int) - 1, 0, v.size - 1)

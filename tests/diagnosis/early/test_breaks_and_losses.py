@@ -12,12 +12,14 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 from small_bench import actuator, noise, recordings
 
 from piezo_rig.chain import Elements, Maxwell, Model
+from piezo_rig.diagnosis import diagnose
 from piezo_rig.diagnosis.early.breaks import find_breaks
 from piezo_rig.diagnosis.early.mended import mended
 from piezo_rig.diagnosis.early.reported import events_of, reported
 from piezo_rig.diagnosis.groups import group_tracks
 from piezo_rig.identification import prepare
 from piezo_rig.run_file import Sweep
+from piezo_rig.studies.hidden import draw
 
 LEVEL = 1e-4
 # a plain loop: 0.09 um/V that grows to 0.15, about as the small bench's actuator
@@ -224,3 +226,18 @@ def test_steps_up_and_down_again_are_not_mended_for_the_worse(seed):
         return sum(float(np.var(r, axis=1).mean()) for r in rows)
 
     assert differing(list(breaks)) <= differing([b for b in breaks if b.cause == "fringe-jump"])
+
+
+def test_a_jump_after_another_one_is_no_loss_of_many_samples():
+    # 18 samples' way is 79 nm there, until the drive turns
+    sweeps = draw("fringe-jump", 1510, "rates", "white", 40.0, 2).sweeps
+    half = len(sweeps) // 2
+    jumps = [  # a step between the recordings of one drive, from sample to sample
+        int(k) + 1
+        for a, b in zip(sweeps[:half], sweeps[half:], strict=True)
+        for k in np.flatnonzero(np.abs(np.diff(b.displacement_um - a.displacement_um)) > 0.04)
+    ]
+    assert len(jumps) == 3
+    (finding,) = diagnose(sweeps).findings
+    assert finding.cause == "fringe-jump"
+    assert sorted(e.index for e in finding.events) == sorted(jumps)
