@@ -14,6 +14,7 @@ from piezo_rig.diagnosis.alike import differ, of_one_history, plainly_rememberin
 from piezo_rig.diagnosis.climb import climb
 from piezo_rig.diagnosis.early import Reading, noise_floor_nm
 from piezo_rig.diagnosis.fit import Point
+from piezo_rig.diagnosis.forms import converged
 from piezo_rig.diagnosis.groups import Groups
 from piezo_rig.diagnosis.held import own_um_of
 from piezo_rig.diagnosis.held_out import (
@@ -166,6 +167,10 @@ def _climbed(
 
 def _at_their_reaches(out: Climbed, tell: Callable[[str], None]) -> Climbed:
     tell("how far laws reach")
+    if out.ladder.steps:
+        *before, step = out.ladder.steps
+        there = converged(out.space, step.fitted)
+        out.ladder = replace(out.ladder, steps=(*before, replace(step, fitted=there)))
     out.ladder, out.spread = at_their_reaches(
         out.space, out.ladder, lambda fitted: out.errors(fitted).rms_nm
     )
