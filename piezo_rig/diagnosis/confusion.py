@@ -49,8 +49,7 @@ def strengths(space: Space, fitted: Fitted, causes: Sequence[str]) -> dict[str, 
     pairs = [(point.model.without(c), point.model) for c in causes]
     own = range(point.linear, point.linear + len(point.sizes))
     reduced = reduce(space.linear(point, pairs), free=own)
-    lower = cholesky(covariance_of(reduced, fitted.scales), lower=True)
-    white = solve_triangular(lower, reduced.trials[:, : len(pairs)], lower=True)
+    white = whitened(reduced, fitted.scales)[:, : len(pairs)]
     return dict(zip(causes, np.sqrt(np.sum(white**2, axis=0)).tolist(), strict=True))
 
 
@@ -62,18 +61,19 @@ def certainties(space: Space, fitted: Fitted, causes: Sequence[str]) -> dict[str
     linear = space.linear(point, [(point.model.without(c), point.model) for c in others])
     for k, cause in enumerate(others):
         reduced = reduce(linear, free=own_columns(point, cause))
-        found[cause] = _length(reduced, k, fitted.scales)
+        found[cause] = float(np.linalg.norm(whitened(reduced, fitted.scales)[:, k]))
     for cause in causes:
         if cause not in found:
             reduced = reduce(about_less(space, point, cause, []))
-            found[cause] = _length(reduced, 0, fitted.scales)
+            found[cause] = float(np.linalg.norm(whitened(reduced, fitted.scales)[:, 0]))
     settle(space, point)
     return found
 
 
-def _length(reduced: Reduced, k: int, scales: tuple[float, float]) -> float:
+def whitened(reduced: Reduced, scales: tuple[float, float]) -> FloatArray:
+    """All trial columns (m, t), whitened by noise and mismatch: their lengths are d'."""
     lower = cholesky(covariance_of(reduced, scales), lower=True)
-    return float(np.linalg.norm(solve_triangular(lower, reduced.trials[:, k], lower=True)))
+    return np.asarray(solve_triangular(lower, reduced.trials, lower=True))
 
 
 def about_less(

@@ -22,7 +22,7 @@ FloatArray = NDArray[np.float64]
 POWERS = (2, 3, 4, 5)
 FINE = 90  # evenly spaced thresholds; six more lie below the first
 SMOOTH = 8  # shapes of a smooth density
-CHANGES, PLACES, RISES = 8, 12, 6
+CHANGES, PLACES, RISES, EARLY = 8, 12, 6, 5
 
 
 @dataclass(frozen=True)
@@ -202,7 +202,7 @@ def generic(group: Group, scales: Scales, f: Features) -> tuple[FloatArray, list
         add("range", shaped * f.range, signed * f.range, signed * f.range**2)
         add("range+drive", signed * f.range * f.extremum)
         add("drive+direction", shaped * f.extremum, signed * f.extremum)
-    edges = np.concatenate([np.geomspace(0.008, 0.13, 5), np.linspace(0.25, 1.0, RISES)])
+    edges = np.concatenate([np.geomspace(0.008, 0.13, EARLY), np.linspace(0.25, 1.0, RISES)])
     for hat in _hats(f.reach, edges):
         add("first rise", hat * np.clip(f.reach / edges[0], 0.0, 1.0))
     centres = np.linspace(0.0, 1.0, PLACES)

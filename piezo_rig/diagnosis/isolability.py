@@ -19,7 +19,7 @@ from scipy.linalg import cholesky, solve_triangular
 from piezo_rig.causes import CAUSES
 from piezo_rig.causes.cause import Cause
 from piezo_rig.chain import Model
-from piezo_rig.diagnosis.confusion import APART, about_less, own_columns
+from piezo_rig.diagnosis.confusion import APART, about_less, own_columns, whitened
 from piezo_rig.diagnosis.groups import Groups
 from piezo_rig.diagnosis.reduction import Reduced, covariance_of, reduce
 from piezo_rig.diagnosis.refit import Fitted, changed_um, settle
@@ -132,21 +132,16 @@ def _of_a_table(
     less = fitted.point.without(cause)
     linear = about_less(space, fitted.point, cause, pairs)
     cosine, apart = np.ones(len(forms)), np.zeros(len(forms))
-    d_prime = _norm(_white_of(reduce(linear), fitted)[:, 0])
+    d_prime = _norm(whitened(reduce(linear), fitted.scales)[:, 0])
     for j, (other, columns) in enumerate(forms.items()):
         if other != cause:
             free = own_columns(less, other) if other in members else []
-            white = _white_of(reduce(linear, free=free), fitted)
+            white = whitened(reduce(linear, free=free), fitted.scales)
             behind = [[k + 1 for k in form] for form in columns]
             x = cosine[j] = _cosine(white[:, 0], white, behind)
             apart[j] = np.sqrt(max(1.0 - x * x, 0.0)) * _norm(white[:, 0])
     settle(space, fitted.point)
     return float(d_prime), cosine, apart
-
-
-def _white_of(reduced: Reduced, fitted: Fitted) -> FloatArray:
-    lower = cholesky(covariance_of(reduced, fitted.scales), lower=True)
-    return np.asarray(solve_triangular(lower, reduced.trials, lower=True))
 
 
 class _White:
