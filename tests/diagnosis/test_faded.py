@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 sys.path.insert(0, str(Path(__file__).parent))
@@ -13,6 +14,8 @@ from spaces import begun, with_member
 from test_findings import creep
 
 from piezo_rig.causes import CAUSES
+from piezo_rig.diagnosis import detours
+from piezo_rig.diagnosis.climb import Search
 from piezo_rig.diagnosis.ladder import Ladder, Step
 from piezo_rig.diagnosis.refit import refit
 from piezo_rig.diagnosis.spare import faded
@@ -61,3 +64,15 @@ def test_where_nothing_is_left_the_baseline_is_the_last_rung():
     ladder = faded(space, Ladder(first, (Step("thermal-drift", 1e-4, drift),), ()), quiet)
     assert ladder.steps == ()
     assert ladder.last is first
+
+
+def test_a_detour_may_need_one_member_more_than_what_it_goes_around(fitted, monkeypatch):
+    space, one, both = fitted
+    steps = [Step("creep", 1e-9, one), Step("thermal-drift", 1e-4, both)]
+    search = Search(space, one, np.random.default_rng(0), quiet, [], 2.0, 0,
+                    lambda less, full: True, steps)  # fmt: skip
+    tried = []
+    monkeypatch.setattr(Search, "forward", lambda self: tried.append(self.most))
+    monkeypatch.setattr(detours, "rivals_of", lambda *_: ["cycle-aging"])
+    assert not detours.detour(search)
+    assert tried == [3, 3]

@@ -15,6 +15,7 @@ from piezo_rig.chain import Elements, Maxwell, Model
 from piezo_rig.diagnosis import diagnose
 from piezo_rig.diagnosis.early.breaks import find_breaks
 from piezo_rig.diagnosis.early.mended import mended
+from piezo_rig.diagnosis.early.peaks import Search
 from piezo_rig.diagnosis.early.reported import events_of, reported
 from piezo_rig.diagnosis.groups import group_tracks
 from piezo_rig.identification import prepare
@@ -241,3 +242,8 @@ def test_a_jump_after_another_one_is_no_loss_of_many_samples():
     (finding,) = diagnose(sweeps).findings
     assert finding.cause == "fringe-jump"
     assert sorted(e.index for e in finding.events) == sorted(jumps)
+
+
+def test_what_gains_nothing_is_chance():
+    # rounding has made it less than nothing
+    assert Search(None, [], [], [], [], [], 100).chance(-1e-9) == 1.0
