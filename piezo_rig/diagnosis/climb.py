@@ -15,11 +15,10 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from piezo_rig.causes import CAUSES, STAGES
+from piezo_rig.causes import CAUSES
 from piezo_rig.causes.cause import Cause, FirstSpring
-from piezo_rig.chain.bend import Bend
-from piezo_rig.chain.model_file import bent_model
 from piezo_rig.diagnosis.abreast import abreast
+from piezo_rig.diagnosis.bends import BEND, bend, with_own_bend
 from piezo_rig.diagnosis.confusion import strengths
 from piezo_rig.diagnosis.detours import detour, together
 from piezo_rig.diagnosis.fit import Point
@@ -32,16 +31,16 @@ from piezo_rig.diagnosis.forms import (
     reached,
     summit,
 )
-from piezo_rig.diagnosis.held import own_um_of
 from piezo_rig.diagnosis.ladder import Ladder, Step
 from piezo_rig.diagnosis.likelihood import Likelihood
 from piezo_rig.diagnosis.needed import does_nothing, needless, worth_needed
+from piezo_rig.diagnosis.own_laws import loosen
 from piezo_rig.diagnosis.reduction import reduce
 from piezo_rig.diagnosis.refit import Fitted, refit, settle
-from piezo_rig.diagnosis.scan import LATER, LEVEL, Found, Scan, extended, scan, score_powers
+from piezo_rig.diagnosis.scan import LATER, LEVEL, Found, Scan, extended, scan
 from piezo_rig.diagnosis.scores import score_generic
 from piezo_rig.diagnosis.space import Space
-from piezo_rig.diagnosis.spare import NEEDED, clear, faint, idle, one_by_one, prune, stood_in
+from piezo_rig.diagnosis.spare import NEEDED, clear, faint, idle, one_by_one, prune
 from piezo_rig.errors import InputError
 
 FloatArray = NDArray[np.float64]
@@ -60,12 +59,9 @@ CAME_TO_NOTHING = "once refitted it came out at a limit, or no different from no
 NEARER = 0.9  # held-out error, of that when a cause was refused, below which it is tried again
 MUCH_NEARER = 0.5  # the same for one that came to nothing
 NEAR = 1.1  # held-out error of a rival, of the best one's
-LOOSE = 15.0  # log-likelihood that a law must gain by being let go of
-PLAINLY = 2.0  # and of what any other cause would gain, while there is one
+PLAINLY = 2.0  # gain of a law let go of, of what any other cause would, while there is one
 MASKED = 0.5  # worth of a cause, of that of one which was refused for what it predicts
-PROMISED = 0.5  # of either, by a linear look at what is then free, for a refit to be tried
 LOST = 0.3  # of what a linear look at a cause promised; a refit that keeps less went too far
-BEND = Bend.id
 Tell = Callable[[str], None]
 
 
@@ -93,7 +89,7 @@ def climb(
     helps : whether the second fit predicts recordings better than the first, beyond doubt
     """
     search = Search(space, first, rng, tell, held_out, noise_nm, others, helps)
-    search.with_own_bend()
+    with_own_bend(search)
     search.forward()
     clear(search)
     for _ in range(ROUNDS):
@@ -161,98 +157,16 @@ class Search:
             level = LATER if self.causes else LEVEL
             good = np.flatnonzero(family < level)
             best = float(result.ratio[good].max()) if good.size else 0.0
-            if self.bend(here, found, good) or (good.size and self.loosen(here, PLAINLY * best)):
+            if bend(self, here, found, good) or (good.size and loosen(self, here, PLAINLY * best)):
                 continue
             if good.size and self.take(here, found, good, family):
                 continue
-            if not self.left_over() or not (self.loosen(here, 0.0) or together(self, here)):
+            if not self.left_over() or not (loosen(self, here, 0.0) or together(self, here)):
                 return
 
     def family(self, result: Scan) -> FloatArray:
         tried = len(result.ids)
         return np.minimum(result.p_family * (tried + self.others) / max(tried, 1), 1.0)
-
-    def bend(self, here: Fitted, found: Found, good: NDArray[np.int64]) -> bool:
-        """Take a memoryless bend into the base where it says more than any cause does."""
-        model = here.point.model
-        if model.stage(BEND) is not None or (here.point.fixed and self.space.loose):
-            return False
-        ratio, p = score_powers(self.space, here, self.rng)
-        best = float(found.result.ratio[good].max()) if good.size else 0.0
-        if p > LEVEL or ratio <= best:
-            return False
-        if here.point.fixed:  # it does not say what its bend is: it is allowed to be wrong by any
-            self.tell("baseline, allowed a bend")
-            self.space.loose = True
-            self.first, self.steps = refit(self.space, self.first.point), []
-            return True
-        self.tell("bend")
-        scales = self.space.scales
-        bent = model.with_stage(Bend.none(scales.low_v, scales.span_v))
-        fitted = refit(self.space, Point(bent, (), here.point.sizes), held=True)
-        fitted = converged(self.space, fitted)  # what made up for the bend has to move
-        if self.worse(fitted, here) is not None:
-            return False
-        for i in good:
-            kind = CAUSES[found.result.ids[i]]
-            if getattr(kind, "like_a_bend", False) and found.result.ratio[i] > LARGE:
-                self.tell(f"refit with {found.result.ids[i]}")
-                rival = self.refitted(here, found, int(i))
-                if rival is None:
-                    self.bar(found.result.ids[i], here, CAME_TO_NOTHING, MUCH_NEARER)
-                elif rival.evidence > fitted.evidence:
-                    return False
-        self.accept(Step(BEND, p, fitted))
-        return True
-
-    def with_own_bend(self) -> None:
-        """Take a given model with the bend that was seen where it was identified."""
-        bent = bent_model(self.first.point.model, STAGES) if self.first.point.fixed else None
-        if bent is None:
-            return
-        self.tell("baseline, with its bend")
-        _, p = score_powers(self.space, self.first, self.rng)
-        own_um, self.space.own_um = self.space.own_um, own_um_of(bent)
-        fitted = refit(self.space, Point(bent, tuple(s.id for s in bent.stages)))
-        if self.error(0, fitted) < self.error(0, self.first):
-            self.accept(Step(BEND, p, fitted))
-        else:
-            self.space.own_um = own_um
-
-    def loosen(self, here: Fitted, best: float) -> bool:
-        """Let go of the assumed law of a member where that gains more than ``best``."""
-        for id in self.causes:
-            kind, stage = CAUSES[id], here.point.model.stage(id)
-            free = kind.loosened if issubclass(kind, Cause) else {}
-            if stage is None or not free or set(free) <= set(stage.parameters):
-                continue
-            wide = stage.with_values(**{n: stage.neutral[n] for n in free})
-            sizes = (*here.point.sizes, *((id, n, size) for n, size in free.items()))
-            point = replace(here.point, model=here.point.model.with_stage(wide), sizes=sizes)
-            if self.promised(here, point) < PROMISED * max(LOOSE, best):
-                continue
-            self.tell(f"refit with {id} of its own law")
-            fitted = self.wholly(point)
-            gained = fitted.evidence - here.evidence
-            if gained > max(LOOSE, best) and self.worse(fitted, here) is None:
-                self.steps[-1] = replace(self.steps[-1], fitted=fitted)
-                self.rearranged = True  # the gain is that of the member, not of the latest rung
-                stood_in(self, id)
-                return True
-        return False
-
-    def promised(self, here: Fitted, point: Point) -> float:
-        """What a linear look says that freeing more parameters gains."""
-        n, q = here.point.linear, len(here.point.sizes)
-        settle(self.space, here.point)
-        linear = self.space.linear(point)
-        likelihood = Likelihood(reduce(linear, free=range(n, n + len(point.sizes))))
-        columns = range(-len(point.sizes), 0)
-        return likelihood.evidence(columns) - likelihood.evidence(columns[:q])
-
-    def wholly(self, point: Point) -> Fitted:
-        """Refitted with optional parameters, then held for a fair comparison."""
-        return refit(self.space, refit(self.space, point).point, steps=1, held=True)
 
     def take(
         self, here: Fitted, found: Found, good: NDArray[np.int64], family: FloatArray
@@ -266,7 +180,7 @@ class Search:
         ], here.parts)  # fmt: skip
         begun = [(int(i), f) for i, f in zip(close, refits, strict=True) if f is not None]
         for i in set(map(int, close)) - {i for i, _ in begun}:
-            self.bar(result.ids[i], here, CAME_TO_NOTHING, MUCH_NEARER)
+            self.came_to_nothing(result.ids[i], here)
         most = max((f.evidence - here.evidence for _, f in begun), default=0.0)
         known = [part for _, f in begun for part in f.parts]
         # laws one after the other: their forms are fitted abreast
@@ -349,6 +263,10 @@ class Search:
     def bar(self, id: str, here: Fitted, why: str, nearer: float) -> None:
         """Refuse a cause until the held-out error is below so much of what it is now."""
         self.barred[id], self.refused_at[id] = why, nearer * self.error(0, here)
+
+    def came_to_nothing(self, id: str, here: Fitted) -> None:
+        """Refuse a cause whose refit is no different from nothing, or at a limit."""
+        self.bar(id, here, CAME_TO_NOTHING, MUCH_NEARER)
 
     def accept(self, step: Step) -> None:
         """Add a rung; what was refused because the model was far off may be tried again."""

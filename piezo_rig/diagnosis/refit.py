@@ -208,6 +208,11 @@ def refit(
     return Fitted(point, space, covariance, scales, evidence)
 
 
+def wholly(space: Space, point: Point) -> Fitted:
+    """Refitted with optional parameters, then held for a fair comparison."""
+    return refit(space, refit(space, point).point, steps=1, held=True)
+
+
 def _far(point: Point, begun: Point) -> bool:
     """Whether a tangent at the begin of a refit does not serve any more."""
     n, c = point.linear, point.compliances

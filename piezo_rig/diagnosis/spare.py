@@ -16,7 +16,7 @@ from piezo_rig.diagnosis.confusion import APART, certainties, strengths
 from piezo_rig.diagnosis.fit import Point
 from piezo_rig.diagnosis.ladder import Ladder, Step
 from piezo_rig.diagnosis.needed import needless, worth_needed
-from piezo_rig.diagnosis.refit import refit, settle
+from piezo_rig.diagnosis.refit import refit, settle, wholly
 from piezo_rig.diagnosis.space import Space
 from piezo_rig.diagnosis.unexplained import unexplained
 
@@ -177,7 +177,7 @@ def stood_in(search: Search, id: str) -> None:
         if other == id or CAUSES[other].has_elements:
             continue
         search.tell(f"refit without {other}")
-        less = search.wholly(search.fitted.point.without(other))
+        less = wholly(search.space, search.fitted.point.without(other))
         if less.evidence > search.fitted.evidence - SHADOW:
             new = next(s for s in reversed(search.steps) if s.cause != other)
             search.drop(other, new, less)

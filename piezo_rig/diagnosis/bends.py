@@ -1,0 +1,73 @@
+"""A memoryless bend, of the base that all causes are compared with."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from piezo_rig.causes import CAUSES, STAGES
+from piezo_rig.chain.bend import Bend
+from piezo_rig.chain.model_file import bent_model
+from piezo_rig.diagnosis.fit import Point
+from piezo_rig.diagnosis.forms import converged
+from piezo_rig.diagnosis.held import own_um_of
+from piezo_rig.diagnosis.ladder import Step
+from piezo_rig.diagnosis.refit import Fitted, refit
+from piezo_rig.diagnosis.scan import LEVEL, Found, score_powers
+
+if TYPE_CHECKING:
+    from piezo_rig.diagnosis.climb import Search
+
+BEND = Bend.id
+LARGE = 300.0  # log-likelihood of a cause that is refitted beside the bend
+
+
+def bend(search: Search, here: Fitted, found: Found, good: NDArray[np.int64]) -> bool:
+    """Take a memoryless bend into the base where it says more than any cause does."""
+    model = here.point.model
+    if model.stage(BEND) is not None or (here.point.fixed and search.space.loose):
+        return False
+    ratio, p = score_powers(search.space, here, search.rng)
+    best = float(found.result.ratio[good].max()) if good.size else 0.0
+    if p > LEVEL or ratio <= best:
+        return False
+    if here.point.fixed:  # it does not say what its bend is: it is allowed to be wrong by any
+        search.tell("baseline, allowed a bend")
+        search.space.loose = True
+        search.first, search.steps = refit(search.space, search.first.point), []
+        return True
+    search.tell("bend")
+    scales = search.space.scales
+    bent = model.with_stage(Bend.none(scales.low_v, scales.span_v))
+    fitted = refit(search.space, Point(bent, (), here.point.sizes), held=True)
+    fitted = converged(search.space, fitted)  # what made up for the bend has to move
+    if search.worse(fitted, here) is not None:
+        return False
+    for i in good:
+        kind = CAUSES[found.result.ids[i]]
+        if getattr(kind, "like_a_bend", False) and found.result.ratio[i] > LARGE:
+            search.tell(f"refit with {found.result.ids[i]}")
+            rival = search.refitted(here, found, int(i))
+            if rival is None:
+                search.came_to_nothing(found.result.ids[i], here)
+            elif rival.evidence > fitted.evidence:
+                return False
+    search.accept(Step(BEND, p, fitted))
+    return True
+
+
+def with_own_bend(search: Search) -> None:
+    """Take a given model with the bend that was seen where it was identified."""
+    bent = bent_model(search.first.point.model, STAGES) if search.first.point.fixed else None
+    if bent is None:
+        return
+    search.tell("baseline, with its bend")
+    _, p = score_powers(search.space, search.first, search.rng)
+    own_um, search.space.own_um = search.space.own_um, own_um_of(bent)
+    fitted = refit(search.space, Point(bent, tuple(s.id for s in bent.stages)))
+    if search.error(0, fitted) < search.error(0, search.first):
+        search.accept(Step(BEND, p, fitted))
+    else:
+        search.space.own_um = own_um
