@@ -85,6 +85,7 @@ class Cause(Stage):
     whole : its examples are the effect itself, and not a small part of it
     near : share by which its numbers may differ where columns that were made with others serve
     kinked : a parameter in seconds whose effect has a kink at whole samples, where a descent hangs
+    bending : a level, beyond which a descent may begin better: elements bend to stay within it
     loosened : optional parameters that let go of its assumed law, and the size of an example: they
         are fitted where the effect is so large that what is left of it shows
     needs_speeds : it can be told from the model's own loop only where half loops differ in speed
@@ -106,6 +107,7 @@ class Cause(Stage):
     whole: ClassVar[bool] = False
     near: ClassVar[float] = NEAR
     kinked: ClassVar[str] = ""
+    bending: ClassVar[str] = ""
     loosened: ClassVar[Mapping[str, float]] = {}
     needs_speeds: ClassVar[bool] = False
     needs_first_rise: ClassVar[bool] = False

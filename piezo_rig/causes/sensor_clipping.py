@@ -33,6 +33,7 @@ class SensorClipping(Cause):
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {"level": (-1e4, 1e4)}
     like_a_bend = True  # a flat top
     sharp: ClassVar[Mapping[str, float]] = {"level": 3000.0}
+    bending: ClassVar[str] = "level"
 
     def act(self, signal: Signal) -> Signal:
         if not signal.displacement_um.size:

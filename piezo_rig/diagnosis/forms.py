@@ -36,6 +36,7 @@ SHORTEST, WIDER, REACHES = 0.006, 1.19, 21  # its reach: of the travel, step, ho
 STEEP = 0.4  # of the mean spring constant, by the whole range of the drive
 LIKELIEST = 2  # of each form, that are refitted
 BESIDE = 0.02  # samples
+BEYOND = (4.0, 8.0, 16.0, 32.0)  # times the noise of a sample
 FADES = 4.0  # log-likelihood by which a law that fades out must be better
 
 
@@ -123,15 +124,23 @@ def converged(space: Space, fitted: Fitted) -> Fitted:
 
 
 def beside_kinks(space: Space, fitted: Fitted, id: str) -> Fitted:
-    """The best refit from beside a whole sample, where a kink of the effect holds a descent up."""
+    """The best refit from beside where a descent may be held up.
+
+    That is a kink of the effect at a whole sample, or a level that was taken for too near: elements
+    have then been bent to stay below it.
+    """
     stage = fitted.point.model.stage(id)
-    if not isinstance(stage, Cause) or not stage.kinked:
+    if not isinstance(stage, Cause) or not (stage.kinked or stage.bending):
         return fitted
-    name, step_s = stage.kinked, 1.0 / space.groups.rate
-    whole = np.round(stage[name] / step_s)
+    if stage.kinked:
+        name, step_s = stage.kinked, 1.0 / space.groups.rate
+        whole = np.round(stage[name] / step_s)
+        begins = [float((whole + beside) * step_s) for beside in (-BESIDE, BESIDE)]
+    else:
+        name, noise_um = stage.bending, 1e-3 * space.sample_noise_nm
+        begins = [stage[name] + float(np.copysign(b * noise_um, stage[name])) for b in BEYOND]
     tried = abreast(space, [
-        partial(_begun_at, space, fitted, id, {name: float((whole + beside) * step_s)})
-        for beside in (-BESIDE, BESIDE)
+        partial(_begun_at, space, fitted, id, {name: begin}) for begin in begins
     ], fitted.parts)  # fmt: skip
     return max([fitted, *tried], key=lambda f: f.evidence)
 

@@ -132,9 +132,9 @@ def test_remanence_is_refused_where_the_history_is_not_known():
     ("direction-asymmetry", 41, "rates", "white", None),
     ("slew-limit", 41, "holds", "white", None),
     ("drive-clipping", 41, "rates", "1/f", "upper"),
-    ("sensor-clipping", 44, "holds", "1/f", None),
-    ("sensor-clipping", 50, "rates", "white", "level"),
+    ("sensor-clipping", 44, "holds", "1/f", "level"),
     ("sensor-clipping", 51, "rates", "1/f", "level"),
+    ("sensor-clipping", 52, "holds", "1/f", "level"),  # 12 nm off where all starts are below it
     ("sensor-clipping", 52, "matrix", "white", "level"),  # 9.6 nm off before the last descent
 ])  # fmt: skip
 def test_small_effects_are_named_first_and_alone(cause, seed, protocol, noise, parameter):
