@@ -25,6 +25,8 @@ if TYPE_CHECKING:
 
 NEEDED = 3.0  # log-likelihood that decides between models
 SAFE = 20.0  # times what a table must be worth: not looked at again
+AMISS = 0.45  # of the noise: what is left beside it where something is amiss
+OF_WHAT_IT_TOOK = 0.5  # squared error: a table that leaves more only stands in for something
 WEAK, SHADOW = 10.0, 15.0  # d' and log-likelihood that leave an effect in doubt beside such laws
 
 
@@ -113,29 +115,52 @@ def idle(search: Search) -> bool:
     The evidence of a small cause takes what is left for noise. What is left of an unknown effect
     is not: any cause that bends that way gains by it, and none of them says what the next
     recording will be. Nor is what the assumed law of another member leaves: a table of its own
-    beside others must help in any case, for it bends any way.
+    beside others must help in any case, for it bends any way, and not leave as much as it takes.
     """
     dropped = False
     while search.causes:
-        unknown = search.left_over() and _unknown(search)
+        unknown = _far_off(search) or (search.left_over() and _unknown(search))
         tables = [c for c in search.causes if CAUSES[c].has_elements]
-        tried = search.causes if unknown else tables if len(search.causes) > 1 else []
-        for id in reversed(tried):
+        beside_others = tables if len(search.causes) > 1 else []
+        for id in reversed(search.causes if unknown else beside_others):
             search.tell(f"refit without {id}")
             less = refit(search.space, search.fitted.point.without(id), held=True)
-            if not search.helps(less, search.fitted):
-                rest = [s for s in search.steps if s.cause != id]
-                if rest:
-                    search.drop(id, rest[-1], less)
-                else:
-                    search.steps = []
-                beside = "what nothing explains" if unknown else "what is found"
-                search.barred[id] = f"does not help to predict, beside {beside}"
-                dropped = True
-                break
+            if search.helps(less, search.fitted) and not (
+                id in tables and _stands_in(search, less)
+            ):  # fmt: skip
+                continue
+            rest = [s for s in search.steps if s.cause != id]
+            if rest:
+                search.drop(id, rest[-1], less)
+            else:
+                search.steps = []
+            beside = "what nothing explains" if unknown else "what is found"
+            search.barred[id] = f"does not help to predict, beside {beside}"
+            dropped = True
+            break
         else:
             break
     return dropped
+
+
+def _left(search: Search) -> float:
+    """Square of what is left beside the noise, nm^2."""
+    return max(search.error(0, search.fitted) ** 2 - search.noise_nm**2, 0.0)
+
+
+def _far_off(search: Search) -> bool:
+    """Whether more is left than a fit to few recordings leaves."""
+    return _left(search) > (AMISS * search.noise_nm) ** 2
+
+
+def _stands_in(search: Search, less: Fitted) -> bool:
+    """Whether a table takes off little more than it leaves.
+
+    A first rise of its own that is there leaves nothing. One that bends towards what a law, or
+    something that nobody has a name for, does to first rises leaves what they do elsewhere.
+    """
+    took = search.error(0, less) ** 2 - search.error(0, search.fitted) ** 2
+    return _far_off(search) and _left(search) > OF_WHAT_IT_TOOK * took
 
 
 def _unknown(search: Search) -> bool:
