@@ -32,6 +32,7 @@ class AmplifierLag(Cause):
     together = True
     needs_speeds = True
     lasting: ClassVar[str] = "tau"
+    law: ClassVar[Mapping[str, float]] = {"time_since_turn": 0.002}
     near: ClassVar[float] = NEAR_IN_TIME
     units: ClassVar[Mapping[str, str]] = {"tau": "s"}
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {"tau": (0.0, 10.0)}

@@ -39,6 +39,8 @@ class Context:
     seen_hz : samples per second at which effects are looked for
     offset_v : drive at no command, if it has any
     session_s : from the beginning of the first recording to the end of the last
+    ends_v : lowest and highest drive
+    ends_um : how far the sensor goes below and above its first sample; -0 where it does not
     """
 
     model: Model
@@ -50,6 +52,8 @@ class Context:
     seen_hz: float
     offset_v: float = 0.0
     session_s: float = 0.0
+    ends_v: tuple[float, float] = (0.0, 0.0)
+    ends_um: tuple[float, float] = (0.0, 0.0)
 
     @property
     def slew_v_per_s(self) -> float:
@@ -126,6 +130,10 @@ class Cause(Stage):
         if cls.lasting:
             return _of_any_length(trials[0], cls.lasting, context)
         return [trials] if trials else []
+
+    def also(self, context: Context) -> list[Stage]:
+        """Itself, doing besides what it does not do yet; for a diagnosis that has found it."""
+        return []
 
     @classmethod
     def finer(cls, trials: Sequence[Stage]) -> list[list[Stage]]:

@@ -28,6 +28,12 @@ SHARES = (0.0004, 0.0008, 0.0013, 0.002, 0.003, 0.0045, 0.0065, 0.009, 0.012, 0.
           0.08, 0.12, 0.17, 0.24, 0.32)  # cut off  # fmt: skip
 
 
+def _near(context: Context, end: int) -> list[float]:
+    """Levels a little within the lowest (0) or highest (1) drive, the nearest first."""
+    inwards = context.span_v if end == 0 else -context.span_v
+    return [context.ends_v[end] + share * inwards for share in SHARES]
+
+
 class DriveClipping(Cause):
     """``lower`` and ``upper`` limit; one that nothing reaches stands far away."""
 
@@ -51,12 +57,17 @@ class DriveClipping(Cause):
 
     @classmethod
     def variants(cls, context: Context) -> list[list[Stage]]:
-        low, high = 0.0, context.span_v
-        return [
-            [cls.of(None, lower=-NEVER_V, upper=high - share * context.span_v)] for share in SHARES
-        ] + [
-            [cls.of(None, lower=low + share * context.span_v, upper=NEVER_V)] for share in SHARES
+        return [[cls.of(None, lower=-NEVER_V, upper=v)] for v in _near(context, 1)] + [
+            [cls.of(None, lower=v, upper=NEVER_V)] for v in _near(context, 0)
         ]
+
+    def also(self, context: Context) -> list[Stage]:
+        """Clipped at the other end as well."""
+        ends = {"lower": _near(context, 0), "upper": _near(context, 1)}
+        return [
+            self.with_values(**{name: level})
+            for name, levels in ends.items() if abs(self[name]) >= NEVER_V for level in levels
+        ]  # fmt: skip
 
     @classmethod
     def begun(cls, trials: Sequence[Stage], shares: FloatArray) -> Stage:

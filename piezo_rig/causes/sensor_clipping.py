@@ -22,6 +22,7 @@ from piezo_rig.chain.stage import Signal, Stage
 
 # of the travel that is seen
 SHARES = (0.9998, 0.9995, 0.999, 0.998, 0.9965, 0.9945, 0.992, 0.989, 0.984, 0.977, 0.965)
+LEAST = 0.05  # of the travel, that it must go to a side for being clipped there
 
 
 class SensorClipping(Cause):
@@ -49,7 +50,12 @@ class SensorClipping(Cause):
 
     @classmethod
     def variants(cls, context: Context) -> list[list[Stage]]:
-        return [[cls.of(None, level=share * context.travel_um)] for share in SHARES]
+        inside = (1.0 - np.array(SHARES)) * context.travel_um
+        levels = [
+            end - np.copysign(inside, end)
+            for end in context.ends_um if abs(end) > LEAST * context.travel_um
+        ]  # fmt: skip
+        return [[cls.of(None, level=float(v))] for v in np.concatenate(levels)] if levels else []
 
     @classmethod
     def begun(cls, trials: Sequence[Stage], shares: FloatArray) -> Stage:

@@ -35,6 +35,7 @@ class SlewLimit(Cause):
     place = "drive"
     near: ClassVar[float] = NEAR_AT_A_LIMIT
     whole: ClassVar[bool] = True
+    law: ClassVar[Mapping[str, float]] = {"time_since_turn": 0.002}
     units: ClassVar[Mapping[str, str]] = {"limit": "V/s"}
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {"limit": (1e-6, 1e12)}
     sharp: ClassVar[Mapping[str, float]] = {"limit": 50.0}

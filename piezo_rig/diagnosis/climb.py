@@ -34,7 +34,7 @@ from piezo_rig.diagnosis.forms import (
 from piezo_rig.diagnosis.ladder import Ladder, Step
 from piezo_rig.diagnosis.likelihood import Likelihood
 from piezo_rig.diagnosis.needed import does_nothing, needless, worth_needed
-from piezo_rig.diagnosis.own_laws import loosen
+from piezo_rig.diagnosis.own_laws import also, loosen
 from piezo_rig.diagnosis.reduction import reduce
 from piezo_rig.diagnosis.refit import Fitted, refit, settle
 from piezo_rig.diagnosis.scan import LATER, LEVEL, Found, Scan, extended, scan
@@ -157,12 +157,18 @@ class Search:
             level = LATER if self.causes else LEVEL
             good = np.flatnonzero(family < level)
             best = float(result.ratio[good].max()) if good.size else 0.0
-            if bend(self, here, found, good) or (good.size and loosen(self, here, PLAINLY * best)):
+            if bend(self, here, found, good) or (
+                good.size and self.let_go(here, PLAINLY * best)
+            ):
                 continue
             if good.size and self.take(here, found, good, family):
                 continue
-            if not self.left_over() or not (loosen(self, here, 0.0) or together(self, here)):
+            if not self.left_over() or not (self.let_go(here, 0.0) or together(self, here)):
                 return
+
+    def let_go(self, here: Fitted, best: float) -> bool:
+        """Let a member do more than it was taken in for, where that gains more than ``best``."""
+        return also(self, here, best) or loosen(self, here, best)
 
     def family(self, result: Scan) -> FloatArray:
         tried = len(result.ids)

@@ -5,12 +5,16 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from piezo_rig.causes import CAUSES
 from piezo_rig.causes.cause import Cause
+from piezo_rig.chain import Stage
 from piezo_rig.diagnosis.fit import Point
 from piezo_rig.diagnosis.likelihood import Likelihood
 from piezo_rig.diagnosis.reduction import reduce
 from piezo_rig.diagnosis.refit import Fitted, settle, wholly
+from piezo_rig.diagnosis.scan import context_of
 from piezo_rig.diagnosis.spare import stood_in
 
 if TYPE_CHECKING:
@@ -41,6 +45,46 @@ def loosen(search: Search, here: Fitted, best: float) -> bool:
             stood_in(search, id)
             return True
     return False
+
+
+def also(search: Search, here: Fitted, best: float) -> bool:
+    """Let a member do besides what it does not do yet, where that gains more than ``best``."""
+    model = here.point.model
+    context = context_of(search.space, model)
+    for id in search.causes:
+        stage = model.stage(id)
+        forms = stage.also(context) if isinstance(stage, Cause) else []
+        if not forms:
+            continue
+        settle(search.space, here.point)
+        pairs = [(model, model.with_stage(form)) for form in forms]
+        likelihood = Likelihood(reduce(search.space.linear(here.point, pairs)))
+        gained = [likelihood.evidence([k]) - likelihood.evidence() for k in range(len(forms))]
+        form, most = forms[int(np.argmax(gained))], max(gained)
+        if most < PROMISED * max(LOOSE, best):
+            continue
+        search.tell(f"refit with more of {id}")
+        point = Point(model.with_stage(form), here.point.fixed, here.point.sizes)
+        fitted = search.descended(_all_free(point, form), here, most)
+        if fitted.evidence - here.evidence > max(LOOSE, best) and (
+            search.worse(fitted, here) is None
+        ):  # fmt: skip
+            search.steps[-1] = replace(search.steps[-1], fitted=fitted)
+            search.rearranged = True
+            return True
+    return False
+
+
+def _all_free(point: Point, stage: Stage) -> Point:
+    """With all parameters of a stage that are away from doing nothing."""
+    assert isinstance(stage, Cause)
+    free = {n for id, n in point.names if id == stage.id}
+    more = [
+        (stage.id, n, abs(stage[n] - stage.neutral.get(n, 0.0)) / stage.sharp.get(n, 1.0))
+        for n in stage.parameters
+        if n not in free and n not in stage.given and stage[n] != stage.neutral.get(n, 0.0)
+    ]  # fmt: skip
+    return replace(point, sizes=(*point.sizes, *more))
 
 
 def promised(search: Search, here: Fitted, point: Point) -> float:

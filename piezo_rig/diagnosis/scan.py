@@ -107,6 +107,8 @@ def context_of(space: Space, model: Model) -> Context:
         space.groups.finest_rate,
         space.groups.offset_v,
         space.groups.session_s,
+        space.groups.ends_v,
+        space.groups.ends_um,
     )
 
 

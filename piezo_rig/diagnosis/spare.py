@@ -16,7 +16,7 @@ from piezo_rig.diagnosis.confusion import APART, certainties, strengths
 from piezo_rig.diagnosis.fit import Point
 from piezo_rig.diagnosis.ladder import Ladder, Step
 from piezo_rig.diagnosis.needed import needless, worth_needed
-from piezo_rig.diagnosis.refit import refit, settle, wholly
+from piezo_rig.diagnosis.refit import Fitted, refit, settle, wholly
 from piezo_rig.diagnosis.space import Space
 from piezo_rig.diagnosis.unexplained import unexplained
 

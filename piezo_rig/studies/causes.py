@@ -94,16 +94,22 @@ def played(name: str) -> list[Group]:
 
 
 def context_of(groups: Sequence[Group], model: Model) -> Context:
-    slews, travel = [], 0.0
+    slews, travel, ends = [], 0.0, []
     for g in groups:
         seconds = g.time_s[g.loops.stop] - g.time_s[g.loops.start]
         volts = np.abs(g.drive_v[g.loops.stop] - g.drive_v[g.loops.start])
         slews.append(volts[seconds > 0] / seconds[seconds > 0])
-        travel = max(travel, float(np.ptp(g.predicted(model))))
+        moved = g.predicted(model) - g.predicted(model)[0]
+        travel = max(travel, float(np.ptp(moved)))
+        ends += [float(moved.min()), float(moved.max())]
     span = max(float(np.ptp(g.drive_v)) for g in groups)
     longest = max(float(g.time_s[-1]) for g in groups)
     step = float(groups[0].time_s[1])
-    return Context(model, travel, span, np.concatenate(slews), step, longest, RATE)
+    low, high = min(g.drive_v.min() for g in groups), max(g.drive_v.max() for g in groups)
+    return Context(
+        model, travel, span, np.concatenate(slews), step, longest, RATE,
+        ends_v=(float(low), float(high)), ends_um=(min(ends), max(ends)),
+    )  # fmt: skip
 
 
 class Compared:

@@ -78,7 +78,10 @@ def test_limits_are_played_and_found_by_examples_that_do_something(id):
     assert kind.locked_to == "drive"
     model = Model((MAXWELL,))
     plain = model.simulate(TIME, TRIANGLE)
-    context = Context(model, float(np.ptp(plain)), 60.0, np.array([120.0]), 1e-3, 1.0, 1000.0)
+    context = Context(
+        model, float(np.ptp(plain)), 60.0, np.array([120.0]), 1e-3, 1.0, 1000.0,
+        ends_v=(0.0, 60.0), ends_um=(0.0, float(plain.max())),
+    )  # fmt: skip
     forms = kind.variants(context)
     assert forms
     for (trial,) in forms:
