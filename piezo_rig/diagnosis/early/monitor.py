@@ -28,6 +28,7 @@ FloatArray = NDArray[np.float64]
 LAG, SLEW, CLIP, SKEW = "amplifier-lag", "slew-limit", "drive-clipping", "time-skew"
 TWICE = 2.0  # a rise and the next one share a digitizer's errors: every sample counts half
 PLAIN = 40.0  # rise of the misfit without a law that is there to be seen
+TURNS, SETTLED = 12, 0.1  # of refining all laws at most, and the gain that ends them
 NOTHING = 4.0  # the same of one that is not looked at closer
 INSIDE, OUTSIDE = 3.84, 15.0  # rise of the misfit: of a 95 % interval; certainly not so
 LEAST = 1e-302  # chance that is told from none
@@ -200,6 +201,16 @@ class _Reader:
         best = min(known.values(), key=lambda g: g.misfit)
         return best
 
+    def settled(self, here: _Guess) -> _Guess:
+        """All laws refined in turn: those before the latest had made up for it, the gain too."""
+        for _ in range(TURNS if len(here.laws) > 1 else 0):
+            before = here.misfit
+            for law in here.laws:
+                here = self.refined(here, law)
+            if before - here.misfit < TWICE * SETTLED:
+                break
+        return here
+
     def hear(self, g: _Guess) -> list[FloatArray]:
         """Weigh by what a guess leaves; returns that."""
         seen = self.corners.seen(self.at(g.laws, g.held), g.delay_s)
@@ -242,7 +253,7 @@ class _Reader:
                 break
             (law,) = set(there.laws) - set(here.laws)
             chances[law] = chance
-            here = self.refined(there, law)
+            here = self.settled(self.refined(there, law))
         left = np.concatenate(self.hear(here))
         here = self.again(here)
         seen = self.corners.seen(self.at(here.laws, here.held), here.delay_s)
