@@ -170,7 +170,8 @@ def _at_their_reaches(out: Climbed, tell: Callable[[str], None]) -> Climbed:
     if out.ladder.steps:
         *before, step = out.ladder.steps
         there = converged(out.space, step.fitted)
-        out.ladder = replace(out.ladder, steps=(*before, replace(step, fitted=there)))
+        if out.errors(there).rms_nm <= WORSE * out.errors(step.fitted).rms_nm:
+            out.ladder = replace(out.ladder, steps=(*before, replace(step, fitted=there)))
     out.ladder, out.spread = at_their_reaches(
         out.space, out.ladder, lambda fitted: out.errors(fitted).rms_nm
     )
