@@ -29,6 +29,8 @@ STEPS = 5
 HALVED = 8
 SETTLED = 0.05  # standard errors
 ANEW = 0.1  # examples by which a parameter has moved when the tangent is taken anew
+AGAIN = 0.05  # of the squared error, by which it changes while the tangent is taken anew later
+ASTRAY = 3.0  # squared error after a step, of that before, that is not followed
 OTHER = 0.05  # of the mean compliance, by which one of them has moved then
 BEND = 0.05  # plausible second difference of compliances, of their mean
 UNKNOWN = 1e6  # variance of what no data know, in squared examples
@@ -191,13 +193,13 @@ def refit(
             change = _within(point, change)
         else:
             change = np.zeros(0)
-        point, change = _moved(space, point, linear, change)
+        before = _square(linear)
+        point, change, linear = _moved(space, point, linear, change)
         settled = bool(q == 0 or np.all(np.abs(change) <= SETTLED * np.sqrt(np.diag(covariance))))
-        if step == 1 and q != 0 and _far(point, begun):
+        moving = step > 1 and abs(_square(linear) - before) > AGAIN * before
+        if q != 0 and (moving or (step == 1 and _far(point, begun))):
             settle(space, point)
             linear = space.linear(point)
-        else:
-            linear = space.with_residual(linear, point)
         if settled and step > 0:
             break
     likelihood, columns = _likelihood(point, linear)
@@ -211,6 +213,11 @@ def refit(
 def wholly(space: Space, point: Point) -> Fitted:
     """Refitted with optional parameters, then held for a fair comparison."""
     return refit(space, refit(space, point).point, steps=1, held=True)
+
+
+def _square(linear: Linear) -> float:
+    """Squared error over all samples, um^2."""
+    return float(linear.raw_residual[:, -1].sum())
 
 
 def _far(point: Point, begun: Point) -> bool:
@@ -268,8 +275,12 @@ def laws_of(space: Space, model: Model) -> FloatArray:
 
 def _moved(
     space: Space, point: Point, linear: Linear, change: FloatArray
-) -> tuple[Point, FloatArray]:
-    """The point after a step, a shorter one where the whole cannot be played."""
+) -> tuple[Point, FloatArray, Linear]:
+    """The point after a step, with its residual; a shorter one where the whole leads astray.
+
+    That is where it cannot be played, or leaves far more than before: what is linear about a
+    level, or about a mode that rings, is not so for long.
+    """
     n = point.linear
     for _ in range(HALVED):
         values = point.values()
@@ -277,9 +288,11 @@ def _moved(
         values[:n] += element_step(point, linear, None, change)
         there = point.moved(values)
         if playable(space, there.model, whole=True):
-            return there, change
+            left = space.with_residual(linear, there)
+            if not change.size or _square(left) < ASTRAY * _square(linear):
+                return there, change, left
         change = 0.5 * change
-    return point, np.zeros_like(change)
+    return point, np.zeros_like(change), linear
 
 
 def playable(space: Space, model: Model, whole: bool = False) -> bool:

@@ -26,7 +26,8 @@ if TYPE_CHECKING:
 NEEDED = 3.0  # log-likelihood that decides between models
 SAFE = 20.0  # times what a table must be worth: not looked at again
 AMISS = 0.45  # of the noise: what is left beside it where something is amiss
-HARDLY = 0.9995  # held-out error with a member, of that before
+HARDLY = 1.0  # held-out error with a member, of that before
+LOSES = 1.001  # the same of the whole ladder, of that without the member
 OF_WHAT_IT_TOOK = 0.5  # squared error: a table that leaves more only stands in for something
 WEAK, SHADOW = 10.0, 15.0  # d' and log-likelihood that leave an effect in doubt beside such laws
 
@@ -117,11 +118,12 @@ def idle(search: Search) -> bool:
     is not: any cause that bends that way gains by it, and none of them says what the next
     recording will be. Nor is what the assumed law of another member leaves: a table of its own
     beside others must help in any case, for it bends any way, and not leave as much as it takes.
-    Nor is any of them a cause with which the next recording is predicted no better than without.
+    Nor is it for any of them to make the next recording worse to predict. (That it is hardly better
+    says little: a small fast effect is far below the error of a sample.)
     """
     dropped = False
     while search.causes:
-        unknown = _far_off(search) or (search.left_over() and _unknown(search))
+        unknown = search.left_over() and _unknown(search)
         tables = [c for c in search.causes if CAUSES[c].has_elements]
         doubted = tables if len(search.causes) > 1 else []
         tried = search.causes if unknown else {*doubted, *_gained_nothing(search)}
@@ -132,7 +134,7 @@ def idle(search: Search) -> bool:
                 kept = search.helps(less, search.fitted)
                 kept = kept and not (id in tables and _stands_in(search, less))
             else:
-                kept = search.error(0, search.fitted) < search.error(0, less)
+                kept = search.error(0, search.fitted) <= LOSES * search.error(0, less)
             if kept:
                 continue
             rest = [s for s in search.steps if s.cause != id]
@@ -150,7 +152,7 @@ def idle(search: Search) -> bool:
 
 
 def _gained_nothing(search: Search) -> list[str]:
-    """Members with which the ladder predicted hardly any better than before."""
+    """Members with which the ladder predicted no better than before."""
     fits = [search.first, *(s.fitted for s in search.steps)]
     return [
         step.cause for step, before in zip(search.steps, fits, strict=False)
