@@ -7,6 +7,7 @@ what becomes of a loop that is closed exactly.
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +15,7 @@ import pytest
 import scipy.signal
 
 sys.path.insert(0, str(Path(__file__).parent))
-from small_bench import RATE, recordings
+from small_bench import RATE, recordings, relaxation
 from spaces import begun, with_member
 
 from piezo_rig.diagnosis import diagnose
@@ -22,6 +23,7 @@ from piezo_rig.diagnosis.climb import Search
 from piezo_rig.diagnosis.isolability import isolability
 from piezo_rig.diagnosis.ladder import Step
 from piezo_rig.diagnosis.refit import refit
+from piezo_rig.diagnosis.spare import _stands_in
 from piezo_rig.studies.hidden import draw
 
 
@@ -133,3 +135,58 @@ def test_a_first_rise_of_its_own_among_minor_loops_is_not_told_from_its_own_dens
     row = table.causes.index("initiation-stage")
     assert table.d_prime[row] == pytest.approx(found.findings[-1].d_prime, rel=1e-6)
     assert table.told[row][np.arange(len(table.causes)) != row].all()
+
+
+def test_a_slow_mode_that_carries_everything_is_followed_to_where_it_is():
+    # its frequency moves by 8 Hz on the way: a tangent that is kept leads to 85 Hz, or nowhere
+    def rides(x, drive, t):
+        w = 2.0 * np.pi * 95.0
+        b, a, _ = scipy.signal.cont2discrete(([w**2], [1.0, 2 * 0.05 * w, w**2]), 1 / RATE, "foh")
+        return x[0] + scipy.signal.lfilter(b.ravel(), a, x - x[0])
+
+    found = diagnose(recordings(rides, conditions=(("30", -30.0, 30.0), ("60", -60.0, 60.0))))
+    assert [f.cause for f in found.findings] == ["resonance"]
+    parameters = found.findings[0].parameters
+    assert parameters["frequency"].value == pytest.approx(95.0, abs=0.1)
+    assert parameters["damping"].value == pytest.approx(0.05, rel=0.02)
+    assert found.rungs[-1].rms_nm < 1.03 * 2.0  # of noise
+
+
+class Ladder:
+    """What a ladder predicts: errors of its last rung, and without a table."""
+
+    noise_nm, fitted = 2.0, "with"
+
+    def __init__(self, **errors):
+        self.errors = errors
+
+    def error(self, k, fitted):
+        return self.errors[fitted]
+
+
+@pytest.mark.parametrize(("without", "with_it", "only_stands_in"), [
+    (2.5, 2.02, False),  # there is nothing left
+    (3.03, 2.45, True),  # a law of another form: it leaves 1.4 nm and took 1.8
+    (30.0, 3.0, False),  # it leaves 2.2 nm, but took 30
+])  # fmt: skip
+def test_a_table_that_leaves_as_much_as_it_takes_stands_in_for_something(
+    without, with_it, only_stands_in
+):
+    search = Ladder(**{"with": with_it, "less": without})
+    assert _stands_in(search, "less") == only_stands_in
+
+
+def test_a_last_descent_that_predicts_worse_is_not_taken(monkeypatch):
+    def astray(space, fitted):
+        stage = fitted.point.model.stage("creep")
+        moved = stage.with_values(rate_per_decade=0.5 * stage["rate_per_decade"])
+        point = replace(fitted.point, model=fitted.point.model.with_stage(moved))
+        return replace(fitted, point=point)
+
+    def creeps(x, drive, t):
+        return x + sum(5e-3 * (relaxation(x, tau) - x[0]) for tau in np.geomspace(0.01, 100, 9))
+
+    monkeypatch.setattr("piezo_rig.diagnosis.climbed.converged", astray)
+    found = diagnose(recordings(creeps))
+    assert [f.cause for f in found.findings] == ["creep"]
+    assert found.rungs[-1].rms_nm < 1.05 * 2.0

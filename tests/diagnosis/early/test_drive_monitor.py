@@ -126,6 +126,18 @@ def test_what_the_amplifier_does_is_read_with_its_size(plain, amplifier, cause, 
     assert told.p_value < 1e-9
 
 
+def test_two_limits_are_read_together():
+    # each alone leaves the other one to gain and offset, which are free
+    def between(drive):
+        return np.clip(drive, -50.0, 55.0)
+
+    low, high = read(watched(
+        recordings(conditions=(("60", -60.0, 60.0),), repeats=1), between
+    )).told[0].stage.parameters.values()  # fmt: skip
+    assert low.ci95[0] - 0.01 < -50.0 < low.ci95[1] + 0.01
+    assert high.ci95[0] - 0.01 < 55.0 < high.ci95[1] + 0.01
+
+
 def test_a_record_that_begins_late_is_late_and_lags_nowhere(plain):
     found = read(watched(plain, late))
     (told,) = found.told

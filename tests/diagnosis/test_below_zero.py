@@ -1,0 +1,70 @@
+"""Drives and displacements to both sides of zero: an end is where the data have theirs."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parent))
+from small_bench import recordings
+
+from piezo_rig.causes import CAUSES
+from piezo_rig.causes.cause import Context
+from piezo_rig.diagnosis import diagnose
+
+BIPOLAR = (("30", -30.0, 30.0), ("60", -60.0, 60.0))
+
+
+def above(drive):
+    return np.minimum(drive, 57.0)
+
+
+def both(drive):
+    return np.clip(drive, -50.0, 55.0)
+
+
+@pytest.mark.parametrize(("amplifier", "limits"), [
+    (above, {"upper": 57.0}), (both, {"lower": -50.0, "upper": 55.0}),
+])  # fmt: skip
+def test_a_drive_that_is_clipped_is_told_with_every_limit(amplifier, limits):
+    found = diagnose(recordings(conditions=BIPOLAR, before=amplifier))
+    assert [f.cause for f in found.findings] == ["drive-clipping"]
+    assert not found.unexplained.detected
+    assert set(found.findings[0].parameters) == set(limits)
+    for name, true in limits.items():
+        assert found.findings[0].parameters[name].value == pytest.approx(true, abs=0.02)
+
+
+def test_a_sensor_that_ends_below_its_zero_is_told_with_its_level():
+    def ends(x, t, rng):
+        return np.maximum(x, x[0] - 5.0)
+
+    found = diagnose(recordings(conditions=BIPOLAR, sensor=ends))
+    assert [f.cause for f in found.findings] == ["sensor-clipping"]
+    assert found.findings[0].parameters["level"].value == pytest.approx(-5.0, abs=2e-3)
+
+
+@pytest.mark.parametrize(("id", "parameter", "context"), [
+    ("drive-clipping", "upper", {"ends_v": (-100.0, -20.0)}),
+    ("drive-clipping", "lower", {"ends_v": (-100.0, -20.0)}),
+    ("sensor-clipping", "level", {"ends_um": (-6.0, 0.0)}),
+])  # fmt: skip
+def test_examples_lie_within_what_was_played_or_seen(id, parameter, context):
+    data = Context(None, 6.0, 80.0, np.array([100.0]), 1e-3, 1.0, 1e3, **context)
+    low, high = next(iter(context.values()))
+    forms = [form[0][parameter] for form in CAUSES[id].variants(data)]
+    inside = [x for x in forms if abs(x) < 1000.0]
+    assert len(inside) > 5
+    assert all(low < x < high for x in inside)
+
+
+def test_what_is_clipped_at_one_end_may_be_so_at_the_other():
+    data = Context(None, 6.0, 80.0, np.array([100.0]), 1e-3, 1.0, 1e3, ends_v=(-40.0, 40.0))
+    stage = CAUSES["drive-clipping"].of(None, lower=-1000.0, upper=30.0)
+    more = stage.also(data)
+    assert more
+    assert all(s["upper"] == 30.0 and -40.0 < s["lower"] < 0.0 for s in more)
+    assert not more[0].also(data)
