@@ -26,6 +26,14 @@ LONGEST = (
 )
 
 
+def pytest_configure() -> None:
+    """A processor for every worker: a diagnosis does not try to share one that is in use."""
+    worker = os.environ.get("PYTEST_XDIST_WORKER", "")
+    if worker.startswith("gw") and hasattr(os, "sched_setaffinity"):
+        mine = sorted(os.sched_getaffinity(0))
+        os.sched_setaffinity(0, {mine[int(worker[2:]) % len(mine)]})
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """What takes longest comes first, or one of two workers waits for it at the end."""
     place = {name: k for k, name in enumerate(LONGEST)}
