@@ -111,7 +111,7 @@ def test_another_session_of_the_same_actuator_is_no_finding(calibrated):
 
 
 def test_memory_of_the_recording_before_is_remanence():
-    case = draw("remanence", 2, "rates", "white", d_prime=60.0, form="A")
+    case = draw("remanence", 2, "holds", "white", d_prime=60.0, form="A")
     finding = diagnose(case.sweeps).findings[0]
     assert finding.cause == "remanence"
     assert holds(finding.parameters["fraction"], case.truth.parameters["remanence"]["fraction"])
