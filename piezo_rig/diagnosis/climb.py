@@ -74,6 +74,7 @@ def climb(
     noise_nm: float,
     others: int = 0,
     helps: Callable[[Fitted, Fitted], bool] = lambda less, fitted: True,
+    brief: bool = False,
 ) -> Ladder:
     """Forward selection from a fitted baseline, with detours at the end.
 
@@ -87,10 +88,13 @@ def climb(
     noise_nm : of one recording, what no model falls below
     others : causes that were tried elsewhere (on the raw recordings), for the correction
     helps : whether the second fit predicts recordings better than the first, beyond doubt
+    brief : only upwards: a model that explains most is all that is asked for
     """
     search = Search(space, first, rng, tell, held_out, noise_nm, others, helps)
     with_own_bend(search)
     search.forward()
+    if brief:
+        return Ladder(search.first, tuple(search.steps), tuple(search.scans))
     clear(search)
     for _ in range(ROUNDS):
         if not (search.few or search.left_over()) or not detour(search):

@@ -77,7 +77,7 @@ class Climbed:
 
 def climbed(
     clean: Groups, start: Point, rng: np.random.Generator, tell: Callable[[str], None], others: int,
-    reading: Reading | None = None,
+    reading: Reading | None = None, brief: bool = False,
 ) -> Climbed:
     """The ladder of recordings that are clean of events and hum.
 
@@ -88,15 +88,16 @@ def climbed(
     ----------
     others : causes that were tried elsewhere (on the raw recordings), for the correction
     reading : of the drive monitor
+    brief : whether a model that explains most is all that is asked for, if there is more to explain
     """
     known, left = plainly_remembering(clean, start.model), tuple[float, ...]()
     same = clean if known is None else of_one_history(clean, known)
     for _ in range(ROUNDS):
-        out = _climbed(same, start, rng, tell, others, reading)
+        out = _climbed(same, start, rng, tell, others, reading, brief)
         last = out.ladder.last.point.model
         before, left = left, left_before(last)
         if known is not None and not differ(clean, last):
-            return _climbed(clean, start, rng, tell, others, reading)
+            return _climbed(clean, start, rng, tell, others, reading, brief)
         if not differ(clean, last) or _near(before, left):
             break
         tell("recordings as if played after the same ones")
@@ -110,7 +111,7 @@ def _near(before: tuple[float, ...], left: tuple[float, ...]) -> bool:
 
 def _climbed(
     clean: Groups, start: Point, rng: np.random.Generator, tell: Callable[[str], None], others: int,
-    reading: Reading | None,
+    reading: Reading | None, brief: bool = False,
 ) -> Climbed:
     tell("noise")
     whitener, repeated = engine.noise_of(clean, start, rng)
@@ -149,8 +150,10 @@ def _climbed(
     elif out.kind != folds:
         gates.append((carries_over, AWAY))
     out.ladder = climb(
-        space, first, rng, tell, gates, floor or space.sample_noise_nm, others, helps
+        space, first, rng, tell, gates, floor or space.sample_noise_nm, others, helps, brief,
     )  # fmt: skip
+    if brief and out.ladder.steps:
+        return out
     if not out.monitored or reading is None:
         return _at_their_reaches(out, tell)
     out.ladder = freed(space, out.ladder)

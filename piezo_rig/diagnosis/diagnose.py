@@ -114,8 +114,9 @@ def _diagnosed(
     if reading is not None:
         notes += reading.notes
         warnings += reading.warnings
-    search = climbed(clean, start.point, rng, tell, tried, reading)
-    if found_early and found_early[-1].cause == HUM and search.ladder.steps:
+    hums = bool(found_early) and found_early[-1].cause == HUM
+    search = climbed(clean, start.point, rng, tell, tried, reading, brief=hums)
+    if hums and search.ladder.steps:
         # hum was fitted to what the baseline left; most of that has an explanation now
         tell("hum once more")
         before = found_early[-2].groups if len(found_early) > 1 else raw
