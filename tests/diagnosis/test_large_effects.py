@@ -9,6 +9,7 @@ from __future__ import annotations
 import sys
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -22,8 +23,8 @@ from piezo_rig.diagnosis import diagnose
 from piezo_rig.diagnosis.climb import Search
 from piezo_rig.diagnosis.isolability import isolability
 from piezo_rig.diagnosis.ladder import Step
-from piezo_rig.diagnosis.refit import refit
-from piezo_rig.diagnosis.spare import _stands_in
+from piezo_rig.diagnosis.refit import ASTRAY, _moved, _square, refit, settle
+from piezo_rig.diagnosis.spare import _gained_nothing, _stands_in
 from piezo_rig.studies.hidden import draw
 
 
@@ -150,6 +151,50 @@ def test_a_slow_mode_that_carries_everything_is_followed_to_where_it_is():
     assert parameters["frequency"].value == pytest.approx(95.0, abs=0.1)
     assert parameters["damping"].value == pytest.approx(0.05, rel=0.02)
     assert found.rungs[-1].rms_nm < 1.03 * 2.0  # of noise
+
+
+def test_a_step_that_leads_astray_is_shortened_until_it_does_not():
+    # below the fastest half loop a slew limit does at once what no tangent above it knows of
+    space, plain = begun(recordings())
+    point = with_member(plain, "slew-limit", {"limit": 20.0}, limit=299.9)
+    point = refit(space, point, steps=1).point
+    settle(space, point)
+    before = space.linear(point)
+    there, change, left = _moved(space, point, before, np.array([-20.0]))
+    assert -20.0 < change[0] < 0.0
+    assert there.model.stage("slew-limit")["limit"] > 280.0
+    assert _square(left) < ASTRAY * _square(before)
+
+
+def test_what_predicted_worse_is_looked_at_again():
+    first, up, down = object(), object(), object()
+    search = SimpleNamespace(
+        first=first, steps=[Step("creep", 0.0, up), Step("thermal-drift", 0.0, down)],
+        error=lambda k, fitted: {id(first): 9.0, id(up): 2.0, id(down): 2.001}[id(fitted)],
+    )  # fmt: skip
+    assert _gained_nothing(search) == ["thermal-drift"]
+
+
+def test_with_a_hum_the_first_ladder_only_goes_up(monkeypatch):
+    whole = sys.modules["piezo_rig.diagnosis.diagnose"]
+    seen = []
+
+    def climbed(*given, brief=False):
+        seen.append(brief)
+        return known(*given, brief=brief)
+
+    def creeps(x, drive, t):
+        return x + sum(5e-3 * (relaxation(x, tau) - x[0]) for tau in np.geomspace(0.01, 100, 9))
+
+    def hums(x, t, rng):
+        return x + 2e-3 * np.sin(2.0 * np.pi * (50.0 * t + rng.uniform()))
+
+    known = whole.climbed
+    monkeypatch.setattr(whole, "climbed", climbed)
+    found = diagnose(recordings(creeps, sensor=hums))
+    assert seen == [True, False]
+    assert {f.cause for f in found.findings} == {"mains-hum", "creep"}
+    assert not found.unexplained.detected
 
 
 class Ladder:
