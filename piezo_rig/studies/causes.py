@@ -120,7 +120,7 @@ class Compared:
         context = context_of(groups, model)
         self.step_s = context.step_s
         self.forms: dict[str, list[list[int]]] = {}
-        self.examples: dict[str, str] = {}
+        self._said: list[str] = []
         trials: list[Stage] = []
         for id, kind in CAUSES.items():
             assert issubclass(kind, Cause)
@@ -129,9 +129,10 @@ class Compared:
                     list(range(len(trials), len(trials) + len(form)))
                 )
                 trials += form
-                values = ", ".join(f"{n} {form[0][n]:.4g} {u if u != '1' else ''}".strip()
-                                   for n, u in kind.units.items())  # fmt: skip
-                self.examples.setdefault(id, values)
+                self._said += [
+                    ", ".join(f"{n} {t[n]:.4g} {u if u != '1' else ''}".strip()
+                              for n, u in kind.units.items()) for t in form
+                ]  # fmt: skip
         self.base = PLAYS + POWERS
         total = self.base + len(trials)
         self.gram = np.zeros((total, total))
@@ -151,21 +152,30 @@ class Compared:
         self.plain = self.gram[self.base :, self.base :]
         self.left = self.plain - cross.T @ cross
 
+    def example(self, id: str) -> str:
+        """Parameters of the example that is shown; empty where it has none."""
+        return self._said[self.shown(id)]
+
     def gram_of(self, id: str) -> FloatArray:
         kind = CAUSES[id]
         assert issubclass(kind, Cause)
         return self.plain if kind.needs_fixed_model else self.left
 
+    def shown(self, id: str) -> int:
+        """The example that shows best; of a cause that may last the one of a typical length."""
+        kind, gram = CAUSES[id], self.gram_of(id)
+        lasts = issubclass(kind, Cause) and kind.lasting
+        forms = self.forms[id][:1] if lasts else self.forms[id]
+        return max((k for form in forms for k in form), key=lambda k: float(gram[k, k]))
+
     def d_prime(self, id: str) -> float:
-        """Of the example that shows best."""
-        gram = self.gram_of(id)
-        best = max(gram[k, k] for form in self.forms[id] for k in form)
-        return float(np.sqrt(max(best, 0.0) * PER_SECOND * self.step_s) / NOISE_UM)
+        """Of the example that is shown."""
+        k, gram = self.shown(id), self.gram_of(id)
+        return float(np.sqrt(max(gram[k, k], 0.0) * PER_SECOND * self.step_s) / NOISE_UM)
 
     def cosines(self, id: str) -> dict[str, float]:
         """With what every other cause can do."""
-        gram = self.gram_of(id)
-        k = max((k for form in self.forms[id] for k in form), key=lambda k: float(gram[k, k]))
+        gram, k = self.gram_of(id), self.shown(id)
         out = {}
         for other, forms in self.forms.items():
             kind = CAUSES[other]
@@ -213,7 +223,7 @@ def tables() -> dict[str, str]:
             like = sorted((c for c in cosines if cosines[c] >= LIKE), key=lambda c: -cosines[c])
             said = ", ".join(f"{c} {cosines[c]:.2f}" for c in like[:MOST]) or "-"
             rows.append((f"`{name}`", f"{compared.d_prime(id):.1f}", said))
-        example = first.examples[id] or "a first rise that differs by 1 %"
+        example = first.example(id) or "a first rise that differs by 1 %"
         out[id] = f"Example: {example}.\n\n" + table(("protocol", "d'", "much like"), rows)
     return out
 
