@@ -40,7 +40,7 @@ class Context:
     offset_v : drive at no command, if it has any
     session_s : from the beginning of the first recording to the end of the last
     ends_v : lowest and highest drive
-    ends_um : how far the sensor goes below and above its first sample; -0 where it does not
+    ends_um : how far the sensor goes below (negative) and above its first sample
     """
 
     model: Model
