@@ -1,15 +1,23 @@
 """Compiles the numeric kernels once, so that no later process waits for it.
 
 ``make`` runs this as the last step of the set-up; an installed wheel compiles
-at its first use. What is compiled is kept beside the modules.
+at its first use. What is compiled is kept beside the modules: the kernels', and
+the bytecode of every module that was needed, which packages are installed
+without. Where Python is told to write none, each command would read some
+thousand sources again, which takes longer than many a command.
 """
 
 from __future__ import annotations
 
 import contextlib
+import importlib.util
 import io
+import py_compile
+import sys
 import tempfile
+from collections.abc import Iterable
 from pathlib import Path
+from types import ModuleType
 
 _PROTOCOL = """
 schema = "piezo-rig/protocol/1"
@@ -51,6 +59,20 @@ def main() -> None:
         status = status or command(words)
     if status:
         raise SystemExit("the program does not work on this machine; see the message above")
+    write_bytecode(list(sys.modules.values()))
+
+
+def write_bytecode(modules: Iterable[ModuleType]) -> None:
+    """Beside the source of every module, unless newer bytecode is there."""
+    for module in modules:
+        source = getattr(getattr(module, "__spec__", None), "origin", None)
+        if not source or not source.endswith(".py"):
+            continue
+        kept = Path(importlib.util.cache_from_source(source))
+        # not where it may not be written, and not of files that only look like modules
+        with contextlib.suppress(OSError, py_compile.PyCompileError):
+            if not kept.exists() or kept.stat().st_mtime < Path(source).stat().st_mtime:
+                py_compile.compile(source, doraise=True)
 
 
 if __name__ == "__main__":
