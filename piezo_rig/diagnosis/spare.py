@@ -123,16 +123,16 @@ def idle(search: Search) -> bool:
     """
     dropped = False
     while search.causes:
-        unknown = search.left_over() and _unknown(search)
+        unknown = _unknown_nm(search) if search.left_over() else 0.0
         tables = [c for c in search.causes if CAUSES[c].has_elements]
-        doubted = tables if len(search.causes) > 1 else []
+        doubted = tables if len(search.causes) > 1 or _far_off(search) else []
         tried = search.causes if unknown else {*doubted, *_gained_nothing(search)}
         for id in reversed([c for c in search.causes if c in tried]):
             search.tell(f"refit without {id}")
             less = refit(search.space, search.fitted.point.without(id), held=True)
             if unknown or id in doubted:
                 kept = search.helps(less, search.fitted)
-                kept = kept and not (id in tables and _stands_in(search, less))
+                kept = kept and not (id in tables and _stands_in(search, less, unknown))
             else:
                 kept = search.error(0, search.fitted) <= LOSES * search.error(0, less)
             if kept:
@@ -171,18 +171,19 @@ def _far_off(search: Search) -> bool:
     return _left(search) > (AMISS * search.noise_nm) ** 2
 
 
-def _stands_in(search: Search, less: Fitted) -> bool:
+def _stands_in(search: Search, less: Fitted, unknown_nm: float) -> bool:
     """Whether a table takes off little more than it leaves.
 
     A first rise of its own that is there leaves nothing. One that bends towards what a law, or
     something that nobody has a name for, does to first rises leaves what they do elsewhere.
     """
     took = search.error(0, less) ** 2 - search.error(0, search.fitted) ** 2
-    return _far_off(search) and _left(search) > OF_WHAT_IT_TOOK * took
+    left = max(_left(search) if _far_off(search) else 0.0, unknown_nm**2)
+    return left > OF_WHAT_IT_TOOK * took
 
 
-def _unknown(search: Search) -> bool:
-    """Whether more is left than what the laws of the members may leave."""
+def _unknown_nm(search: Search) -> float:
+    """What is left, where that is more than what the laws of the members may leave."""
     square, before = 0.0, search.error(0, search.first)
     for step in search.steps:
         after = search.error(0, step.fitted)
@@ -193,7 +194,7 @@ def _unknown(search: Search) -> bool:
     found = unexplained(
         search.space, search.fitted, search.noise_nm, by_laws_nm, search.rng, before
     )
-    return found.detected
+    return found.rms_nm if found.detected else 0.0
 
 
 def clear(search: Search) -> None:

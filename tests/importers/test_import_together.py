@@ -121,6 +121,39 @@ def test_a_repeat_given_twice_is_counted_on(tmp_path: Path) -> None:
     assert any("counts as repeat 2" in line for line in imported.warnings)
 
 
+def test_names_that_only_count_are_told_by_what_was_played(tmp_path: Path) -> None:
+    time, drive, displacement = triangle(400)
+    played = {"s01": 1.0, "s02": 0.5, "s03": 1.0, "s04": 0.5, "s05": 1.0}
+    paths = [
+        write(tmp_path / f"{name}.csv", csv_text(DRIVE, [time + 9 * k, drive * size, displacement]))
+        for k, (name, size) in enumerate(played.items())
+    ]
+    imported = read_recordings(paths)
+    assert [(s.condition, s.repeat) for s in imported.sweeps] == [
+        ("s01", 1), ("s02", 1), ("s01", 2), ("s02", 2), ("s01", 3),
+    ]  # fmt: skip
+    assert any("s03.csv" in a and "repeat of condition 's01'" in a for a in imported.assumptions)
+    assert imported.warnings == []
+
+
+@pytest.mark.parametrize(
+    ("names", "sizes"),
+    [
+        (("0-75 loaded 1", "0-75 bare 1"), (1.0, 1.0)),  # words say that they differ
+        (("s01", "s02"), (1.0, 0.99)),  # so do drives, by 0.6 V of 60
+    ],
+)
+def test_what_differs_by_more_than_a_count_is_no_repeat(
+    tmp_path: Path, names: tuple[str, str], sizes: tuple[float, float]
+) -> None:
+    time, drive, displacement = triangle(400)
+    paths = [
+        write(tmp_path / f"{name}.csv", csv_text(DRIVE, [time + 9 * k, drive * size, displacement]))
+        for k, (name, size) in enumerate(zip(names, sizes, strict=True))
+    ]
+    assert len({s.condition for s in read_recordings(paths).sweeps}) == 2
+
+
 def test_tables_share_the_clock_of_their_times(tmp_path: Path) -> None:
     time, drive, displacement = triangle(50)
     first = write(tmp_path / "a.csv", csv_text(DRIVE, [time + 5, drive, displacement]))

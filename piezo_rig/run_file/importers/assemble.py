@@ -6,7 +6,7 @@ once, and written down as a sentence.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from piezo_rig.errors import InputError
+from piezo_rig.run_file.importers.conditions import Conditions
 from piezo_rig.run_file.importers.csv_text import read_csv
 from piezo_rig.run_file.importers.damage import compare_span, saturation
 from piezo_rig.run_file.importers.file_name import NameSays, distinct_names, parse_name
@@ -29,6 +30,7 @@ from piezo_rig.run_file.importers.options import (
     parse_sensitivity,
 )
 from piezo_rig.run_file.importers.said import Said
+from piezo_rig.run_file.importers.sentences import Sentences
 from piezo_rig.run_file.importers.tdms import read_tdms
 from piezo_rig.run_file.importers.timing import timing_of
 from piezo_rig.run_file.importers.traces import Trace, joined, traces_of
@@ -36,7 +38,6 @@ from piezo_rig.run_file.sweep import Sweep
 
 _READERS = {".lvm": read_lvm, ".tdms": read_tdms, ".csv": read_csv, ".mat": read_mat}
 DEFAULT_POLARITY = -1
-ALIKE = 0.05  # repeats of one condition agree in drive and pace to this share
 
 
 def read_recordings(
@@ -61,11 +62,11 @@ def read_recordings(
     if not paths:
         raise InputError("import-file", "no recording was given", remedy="name at least one file")
     names = distinct_names([Path(given) for given in paths])
-    told, warned = _Sentences(names), _Sentences(names)
+    told, warned = Sentences(names), Sentences(names)
     sweeps: list[Sweep] = []
     clocks: dict[str, str] = {}
     said: list[Said | None] = []
-    conditions = _Conditions(warned)
+    conditions = Conditions(told, warned)
     for given in paths:
         path = Path(given)
         with advised():
@@ -74,7 +75,8 @@ def read_recordings(
         for part, trace in enumerate(traces, start=1):
             part_of = part if len(traces) > 1 and trace.said is None else 0
             sweep = _sweep(path, trace, says, part_of, options, require, told, warned)
-            sweeps.append(conditions.numbered(sweep, len(sweeps) + 1))
+            stated = trace.said is not None
+            sweeps.append(conditions.numbered(sweep, len(sweeps) + 1, stated))
             clocks.setdefault(trace.clock, names[path])
             said.append(trace.said)
     sweeps = _with_history(sweeps, said, options, told, warned)
@@ -88,42 +90,12 @@ def read_recordings(
     )
 
 
-class _Sentences:
-    """Sentences about files; what holds of several files is said once."""
-
-    def __init__(self, names: Mapping[Path, str]) -> None:
-        self._names = names
-        self._files: dict[str, list[str]] = {}
-
-    def name(self, path: Path) -> str:
-        """What a file is called in sentences, and as the source of its sweeps."""
-        return self._names[path]
-
-    def add(self, file: str | Path, sentences: Sequence[str]) -> None:
-        if isinstance(file, Path):
-            file = self.name(file)
-        for sentence in sentences:
-            files = self._files.setdefault(sentence, [])
-            if file not in files:
-                files.append(file)
-
-    def lines(self) -> list[str]:
-        lines = []
-        for sentence, files in self._files.items():
-            if len(files) > 3:
-                whose = f"{files[0]}, {files[1]} and {len(files) - 2} more"
-            else:
-                whose = ", ".join(files)
-            lines.append(f"{whose}: {sentence}" if whose else sentence)
-        return lines
-
-
 def _read(
     path: Path,
     options: ImportOptions,
     require: Collection[str],
-    told: _Sentences,
-    warned: _Sentences,
+    told: Sentences,
+    warned: Sentences,
 ) -> list[Trace]:
     reader = _READERS.get(path.suffix.lower())
     if path.is_dir():
@@ -173,8 +145,8 @@ def _sweep(
     part: int,
     options: ImportOptions,
     require: Collection[str],
-    told: _Sentences,
-    warned: _Sentences,
+    told: Sentences,
+    warned: Sentences,
 ) -> Sweep:
     if trace.even_step_s is not None:
         rate, times = 1 / trace.even_step_s, None
@@ -240,8 +212,8 @@ def _calibrate(
     says: NameSays,
     options: ImportOptions,
     require: Collection[str],
-    told: _Sentences,
-    warned: _Sentences,
+    told: Sentences,
+    warned: Sentences,
 ) -> _Calibration:
     """What turns the recorded numbers into volts on the stack and micrometres."""
     calibration = _Calibration()
@@ -297,8 +269,8 @@ def _sensitivity(
     says: NameSays,
     options: ImportOptions,
     needed: bool,
-    told: _Sentences,
-    warned: _Sentences,
+    told: Sentences,
+    warned: Sentences,
 ) -> float:
     """Micrometres per volt: as given, else as the file's name says, else an error."""
     named = says.switch
@@ -341,91 +313,9 @@ def _sensitivity(
     )
 
 
-@dataclass(frozen=True)
-class _Played:
-    """What two sweeps must share to be repeats: drives in volts, passes of its middle a second."""
-
-    lowest_v: float
-    highest_v: float
-    passes: int
-    per_second: float
-
-    @classmethod
-    def of(cls, sweep: Sweep) -> _Played:
-        drive = sweep.drive_v
-        low, high = map(float, np.percentile(drive, (0.1, 99.9)))  # a spike is no drive
-        quarter = 0.25 * (high - low)
-        side = np.where(drive > high - quarter, 1, np.where(drive < low + quarter, -1, 0))
-        side = side[side != 0]
-        passes = int(np.count_nonzero(np.diff(side)))
-        return cls(low, high, passes, passes / max(float(sweep.time_s[-1]), 1e-12))
-
-    def like(self, other: _Played) -> bool:
-        """Whether the one may be a repeat of the other, cut short perhaps."""
-        near = ALIKE * max(self.highest_v - self.lowest_v, other.highest_v - other.lowest_v)
-        apart = abs(self.per_second - other.per_second)
-        few = 1.5 * max(p.per_second / max(p.passes, 1) for p in (self, other))
-        return (
-            abs(self.lowest_v - other.lowest_v) <= near
-            and abs(self.highest_v - other.highest_v) <= near
-            and apart <= max(few, ALIKE * max(self.per_second, other.per_second))
-        )
-
-    def __str__(self) -> str:
-        digits = 1 - int(np.floor(np.log10(max(self.highest_v - self.lowest_v, 1e-9))))
-        low, high = round(self.lowest_v, digits) + 0.0, round(self.highest_v, digits) + 0.0
-        return f"{low:g} to {high:g} V, {self.per_second / 2.0:.2g} cycles/s"
-
-
-class _Conditions:
-    """The conditions so far: names, what was played under them, and their repeats."""
-
-    def __init__(self, warned: _Sentences) -> None:
-        self._warned = warned
-        self._taken: dict[str, set[int]] = {}
-        self._played: dict[str, _Played] = {}
-
-    def numbered(self, sweep: Sweep, number: int) -> Sweep:
-        """The sweep with its name, and with a repeat that no other sweep of its condition has."""
-        condition = self._condition(sweep)
-        taken = self._taken.setdefault(condition, set())
-        repeat = sweep.repeat
-        if repeat in taken:
-            while repeat in taken:
-                repeat += 1
-            self._warned.add(
-                sweep.source,
-                [
-                    f"repeat {sweep.repeat} of condition '{condition}' was given before; "
-                    f"this one counts as repeat {repeat}"
-                ],
-            )
-        taken.add(repeat)
-        return sweep.with_(name=f"sweep_{number:04d}", repeat=repeat, condition=condition)
-
-    def _condition(self, sweep: Sweep) -> str:
-        """Its condition by name; another where something else was played under that name."""
-        if np.isnan(sweep.command_v).any():
-            return sweep.condition
-        played = _Played.of(sweep)
-        first = self._played.setdefault(sweep.condition, played)
-        if played.like(first):
-            return sweep.condition
-        condition = f"{sweep.condition}, {played}"
-        self._played.setdefault(condition, played)
-        self._warned.add(
-            sweep.source,
-            [
-                f"plays {played}, but another recording of condition '{sweep.condition}' "
-                f"plays {first}: not a repeat of it, so its condition is '{condition}'"
-            ],
-        )
-        return condition
-
-
 def _with_history(
-    sweeps: list[Sweep], said: Sequence[Said | None], options: ImportOptions, told: _Sentences,
-    warned: _Sentences,
+    sweeps: list[Sweep], said: Sequence[Said | None], options: ImportOptions, told: Sentences,
+    warned: Sentences,
 ) -> list[Sweep]:
     """History as given, else as stated; carried by a user's word, the first zero is carried too."""
     if not options.given("history"):
@@ -455,7 +345,7 @@ def _with_history(
 
 
 def _as_stated(
-    sweeps: list[Sweep], said: Sequence[Said | None], warned: _Sentences
+    sweeps: list[Sweep], said: Sequence[Said | None], warned: Sentences
 ) -> list[Sweep]:
     """A history that is carried, from a sweep that does not stand before it, is unknown."""
     out: list[Sweep] = []
@@ -478,7 +368,7 @@ def _scale(sweep: Sweep) -> tuple[float, int, object]:
     return sweep.sensitivity_um_per_v, sweep.polarity, details
 
 
-def _compare_clocks(sweeps: list[Sweep], clocks: dict[str, str], warned: _Sentences) -> None:
+def _compare_clocks(sweeps: list[Sweep], clocks: dict[str, str], warned: Sentences) -> None:
     """Say where recordings that are given together cannot have one clock."""
     if len(sweeps) < 2:
         return
