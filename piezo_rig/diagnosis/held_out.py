@@ -76,15 +76,21 @@ def carried_over_nm(space: Space, fitted: Fitted, kind: str) -> float:
 
 
 def _inside(groups: Groups, left_out: Sequence[int]) -> bool:
-    """Whether the drives of some groups lie within the drives of the others."""
+    """Whether the drives of some groups lie within the drives of the others, and none of them goes
+    further at once than one of those: 10 to 55 V and 75 to 40 V say nothing of 10 to 75 V.
+    """
     rest = [g for i, g in enumerate(groups.groups) if i not in left_out]
     if not rest:
         return False
     low = min(float(g.drive_v.min()) for g in rest)
     high = max(float(g.drive_v.max()) for g in rest)
+    furthest = max(float(np.ptp(g.drive_v)) for g in rest)
     slack = SLACK * (high - low)
     drives = [groups.groups[i].drive_v for i in left_out]
-    return all(d.min() >= low - slack and d.max() <= high + slack for d in drives)
+    return all(
+        d.min() >= low - slack and d.max() <= high + slack and np.ptp(d) <= furthest + slack
+        for d in drives
+    )
 
 
 def held_out_errors(

@@ -71,12 +71,20 @@ class Row:
     combs_hz: tuple[float, ...]  # of the drive
 
     @cached_property
+    def level(self) -> FloatArray:
+        """Values less a straight line: an offset or a drift is in every line of a short stretch."""
+        n = self.values.size
+        along = np.arange(n) - 0.5 * (n - 1)
+        slope = along @ self.values / max(float(along @ along), 1.0)
+        return np.asarray(self.values - self.values.mean() - slope * along)
+
+    @cached_property
     def _spectrum(self) -> tuple[float, FloatArray]:
         """Step in Hz, and squared peak amplitudes of a Hann-windowed, zero-padded transform."""
         n = self.values.size
         window = np.sin(np.pi * (np.arange(n) + 0.5) / n) ** 2
         size = int(fft.next_fast_len(PADDED * n, real=True))
-        line = 2.0 * fft.rfft((self.values - self.values.mean()) * window, size) / window.sum()
+        line = 2.0 * fft.rfft(self.level * window, size) / window.sum()
         step = (n - 1) / float(self.time_s[-1] - self.time_s[0]) / size
         return step, np.abs(line) ** 2
 
@@ -135,7 +143,7 @@ def refined(rows: list[Row], near_hz: float, highest_hz: float) -> tuple[float, 
             if k * near_hz >= highest_hz:
                 continue
             noise = float(np.mean(row.power(k * near_hz + AROUND * cell))) / HANN
-            turned = row.values[:n] * np.exp(-2j * np.pi * k * near_hz * time)
+            turned = row.level[:n] * np.exp(-2j * np.pi * k * near_hz * time)
             parts = turned.reshape(PARTS, -1).mean(axis=1)
             line = 2.0 * np.exp(-2j * np.pi * k * np.outer(off, at)) @ parts / PARTS
             worth += row.share * np.abs(line) ** 2 / max(noise, 1e-300)
@@ -145,11 +153,16 @@ def refined(rows: list[Row], near_hz: float, highest_hz: float) -> tuple[float, 
     slope = (worth[best + 1] - worth[best - 1]) / (2.0 * step)
     if curve >= 0.0:
         return near_hz, near
-    return float(near_hz + off[best] - slope / curve), float(1.0 / np.sqrt(-curve))
+    beyond = float(np.clip(-slope / curve, -step, step))  # a summit at the edge is not further out
+    return float(near_hz + off[best] + beyond), float(1.0 / np.sqrt(-curve))
 
 
 def rows_of(groups: Groups, model: Model) -> list[Row]:
-    """What single recordings have of their own, and where they stand on the shared clock."""
+    """What single recordings have of their own, and where they stand on the shared clock.
+
+    Stretch by stretch of those where the actuator's memory is known: what it brought along differs
+    from one repeat to the next, and a step at the beginning is in every line.
+    """
     out = []
     repeated = groups.repeats > 1
     for g in groups.groups:
@@ -157,8 +170,10 @@ def rows_of(groups: Groups, model: Model) -> list[Row]:
             continue
         reference = g.measured_um.mean(axis=0) if repeated else g.predicted(model)
         share = (g.repeats - 1) / g.repeats if repeated else 1.0
+        combs = _combs(g)
         for start, row in zip(g.starts_s, g.measured_um, strict=True):
-            out.append(Row(g.time_s + start, row - reference, share, _combs(g)))
+            out += [Row(g.time_s[a:b] + start, (row - reference)[a:b], share, combs)
+                    for a, b in g.blocks]  # fmt: skip
     return out
 
 
@@ -207,17 +222,21 @@ def removed(groups: Groups, model: Model, f: float, p: float, spread_hz: float) 
         predicted = g.predicted(model)
         mean = g.measured_um.mean(axis=0)
         rows = []
+        reference = mean if g.repeats > 2 else predicted
+        angle = 2.0 * np.pi * f * g.time_s
+        columns = np.array([fn(k * angle) for k in orders for fn in (np.sin, np.cos)])
+        a, b = max(g.blocks, key=lambda block: block[1] - block[0])
+        cell = 1.0 / float(g.time_s[b - 1] - g.time_s[a])
         for row in g.measured_um:
-            reference = mean if g.repeats > 2 else predicted
-            angle = 2.0 * np.pi * f * g.time_s
-            columns = np.array([fn(k * angle) for k in orders for fn in (np.sin, np.cos)])
             # against the model's residual, so that what all repeats share is taken out as well
-            values = row - predicted
-            shares = np.linalg.lstsq(columns.T, values - values.mean(), rcond=None)[0]
+            both = np.vstack([columns, row - predicted])
+            cut = np.concatenate([
+                both[:, i:j] - both[:, i:j].mean(axis=1, keepdims=True) for i, j in g.blocks
+            ], axis=1)  # fmt: skip
+            shares = np.linalg.lstsq(cut[:-1].T, cut[-1], rcond=None)[0]
             rows.append(row - shares @ columns)
             power = float(shares[0] ** 2 + shares[1] ** 2)
-            cell = 1.0 / float(g.time_s[-1] - g.time_s[0])
-            around = Row(g.time_s, row - reference, 1.0, ()).power(f + AROUND * cell)
+            around = Row(g.time_s[a:b], (row - reference)[a:b], 1.0, ()).power(f + AROUND * cell)
             noise = float(np.mean(around)) / HANN
             powers.append(power - noise)
             errors.append(noise)
