@@ -17,6 +17,8 @@ from numpy.typing import NDArray
 FloatArray = NDArray[np.float64]
 Ranges = tuple[tuple[int, int], ...]
 BEFORE_S, AFTER_S = 0.004, 0.024  # of a corner: the longest plausible delay; a mode rings so long
+MOST_BEFORE, MOST_AFTER = 100, 500  # samples, of recordings that are finer than they need be
+LONGEST = 1000  # samples of a stretch: their covariance is made whole
 BENT = 0.5  # change of step at a corner, of the step itself
 MOVING = 0.05  # and of the largest steps of the recording
 
@@ -128,12 +130,21 @@ def corners(drive_v: FloatArray, blocks: Sequence[tuple[int, int]], factor: int)
     return found
 
 
-def beside_corners(at: Sequence[int], rate: float, most: int, samples: int) -> Ranges:
+def beside_corners(
+    at: Sequence[int], rate: float, most: int, samples: int, kept: int = 1 << 20
+) -> Ranges:
     """Ranges of samples around corners, joined where they meet; at most so many corners.
 
     Of too many, those that are kept lie evenly along the recording.
+
+    Parameters
+    ----------
+    samples : of the recording
+    kept : samples that may be in ranges, but for those of one corner
     """
-    before, after = round(BEFORE_S * rate), round(AFTER_S * rate)
+    before = min(round(BEFORE_S * rate), MOST_BEFORE)
+    after = min(round(AFTER_S * rate), MOST_AFTER)
+    most = max(min(most, kept // (before + after)), 1)
     apart: list[int] = []
     for k in at:
         if not apart or k - apart[-1] > before:
@@ -144,6 +155,8 @@ def beside_corners(at: Sequence[int], rate: float, most: int, samples: int) -> R
     for k in apart:
         begin, end = max(k - before, 0), min(k + after, samples)
         if out and begin <= out[-1][1]:
+            if end - out[-1][0] > LONGEST:
+                continue
             begin, _ = out.pop()
         out.append((begin, end))
     return tuple(out)

@@ -340,7 +340,7 @@ def group_tracks(data: Data, sweeps: Sequence[Sweep]) -> Groups:
     factor = int(np.clip(np.ceil(total / ENOUGH), 1, max(1, rate / _slowest(groups, rate))))
     if total <= FEW or factor == 1:
         return Groups(groups, rate, 1, offset)
-    most = max(BESIDE_CORNERS // len(groups), OF_EACH)
+    most = max(BESIDE_CORNERS // len(groups), OF_EACH), ENOUGH // len(groups)
     return Groups(tuple(_fine(g, rate, factor, most) for g in groups), rate, factor, offset)
 
 
@@ -351,10 +351,10 @@ def _slowest(groups: Sequence[Group], rate: float) -> float:
     return float(np.clip(OF_A_HALF_LOOP / max(short_s, 1e-9), SLOWEST, SLOW))
 
 
-def _fine(group: Group, rate: float, factor: int, most: int) -> Group:
-    """With single samples beside corners of its drive."""
-    at = corners(group.drive_v, group.blocks, factor)
-    return replace(group, fine=beside_corners(at, rate, most, group.drive_v.size))
+def _fine(group: Group, rate: float, factor: int, most: tuple[int, int]) -> Group:
+    """With single samples beside corners of its drive; at most so many corners and samples."""
+    at, size = corners(group.drive_v, group.blocks, factor), group.drive_v.size
+    return replace(group, fine=beside_corners(at, rate, most[0], size, most[1]))
 
 
 def _earlier(
