@@ -23,6 +23,7 @@ FloatArray = NDArray[np.float64]
 
 NEAR = 0.15  # share by which numbers may differ where columns made with others serve
 NEAR_IN_TIME = 0.01  # of delays and modes: at 6 %, one of 80 us gained 60 by columns of 75 us
+BENT = 1.1  # largest slew, of the mean of the fastest half loop; noise of a recorded drive is less
 NEAR_AT_A_LIMIT = 0.001  # of the drive: beyond it the drive is another one
 
 
@@ -41,6 +42,7 @@ class Context:
     session_s : from the beginning of the first recording to the end of the last
     ends_v : lowest and highest drive
     ends_um : how far the sensor goes below (negative) and above its first sample
+    steepest_v_per_s : largest |dV/dt| within a half loop, over some samples
     """
 
     model: Model
@@ -54,6 +56,13 @@ class Context:
     session_s: float = 0.0
     ends_v: tuple[float, float] = (0.0, 0.0)
     ends_um: tuple[float, float] = (0.0, 0.0)
+    steepest_v_per_s: float = 0.0
+
+    @property
+    def fastest_v_per_s(self) -> float:
+        """The fastest half loop, or where half loops are plainly not straight what is steepest."""
+        mean = float(self.slews_v_per_s.max(initial=0.0))
+        return self.steepest_v_per_s if self.steepest_v_per_s > BENT * mean else mean
 
     @property
     def slew_v_per_s(self) -> float:

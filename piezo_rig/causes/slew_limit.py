@@ -22,7 +22,7 @@ from piezo_rig.chain.branches import Branches
 from piezo_rig.chain.increments import Increment, Operation
 from piezo_rig.chain.stage import Signal, Stage
 
-# of the fastest half loop; just below it, where only that one shows
+# of the largest slew; just below it, where only the fastest half loop shows
 BELOW = 0.98  # of the only speed that is played
 SHARES = (0.9995, 0.9985, 0.9965, 0.99, 0.97, 0.94, 0.9, 0.85, 0.78, 0.7, 0.6, 0.5, 0.4, 0.3)
 BETWEEN = np.geomspace(0.87, 1.15, 57)  # of the likeliest of those
@@ -53,13 +53,12 @@ class SlewLimit(Cause):
     def variants(cls, context: Context) -> list[list[Stage]]:
         if not context.slews_v_per_s.size:
             return []
-        fastest = float(context.slews_v_per_s.max())
+        fastest = context.fastest_v_per_s
         return [[cls.of(None, limit=share * fastest)] for share in SHARES]
 
     def plausible(self, context: Context) -> bool:
         """Where one speed is played, a limit just below it is a delay or a lag by another name."""
-        fastest = float(context.slews_v_per_s.max(initial=0.0))
-        return context.several_speeds or self["limit"] < BELOW * fastest
+        return context.several_speeds or self["limit"] < BELOW * context.fastest_v_per_s
 
     @classmethod
     def finer(cls, trials: Sequence[Stage]) -> list[list[Stage]]:

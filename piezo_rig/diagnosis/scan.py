@@ -13,6 +13,7 @@ from piezo_rig.causes.cause import Cause, Context
 from piezo_rig.chain import Model, Stage
 from piezo_rig.diagnosis import dictionary
 from piezo_rig.diagnosis.fit import Point
+from piezo_rig.diagnosis.groups import Groups
 from piezo_rig.diagnosis.likelihood import Likelihood
 from piezo_rig.diagnosis.reduction import Reduced, covariance_of, reduce
 from piezo_rig.diagnosis.refit import Fitted
@@ -25,6 +26,7 @@ LATER = 0.002  # for each finding after the first: there are several looks
 CLOSE, RUN_OFF = 0.4, 3  # share of the best score, and how many are refitted to compare
 ALIKE = 0.25  # the same of what looks alike but beside corners
 PLAIN = 300.0  # log-likelihood above which a whole effect is looked for between its examples
+STEEP_S = 0.002  # over which the drive's slew is taken
 VISIBLE = 3.0  # d' that the largest plausible size must reach, or the cause is not looked for
 
 
@@ -109,7 +111,15 @@ def context_of(space: Space, model: Model) -> Context:
         space.groups.session_s,
         space.groups.ends_v,
         space.groups.ends_um,
+        _steepest(space.groups),
     )
+
+
+def _steepest(groups: Groups) -> float:
+    """Largest |dV/dt| over some milliseconds."""
+    apart = max(1, round(STEEP_S * groups.rate))
+    steps = [np.abs(g.drive_v[apart:] - g.drive_v[:-apart]) for g in groups.groups]
+    return max((float(s.max()) for s in steps if s.size), default=0.0) * groups.rate / apart
 
 
 def candidates(space: Space, model: Model) -> tuple[list[Candidate], dict[str, str]]:
