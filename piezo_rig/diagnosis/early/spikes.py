@@ -11,13 +11,14 @@ from scipy import ndimage
 from piezo_rig.causes import CAUSES
 from piezo_rig.chain import Model, Parameter, Stage
 from piezo_rig.diagnosis.chances import chi2_at, normal_above, poisson_above
-from piezo_rig.diagnosis.groups import Groups
+from piezo_rig.diagnosis.groups import Group, Groups
 
 FloatArray = NDArray[np.float64]
 FAR, NEARER = 8.0, 5.5  # robust standard deviations: of the first, and where there are some
 SHARP = 0.5  # of a spike's height between neighbouring samples, on both sides
 BACK = 0.35  # of its height that a spike may leave behind
 NEAR = 41  # samples whose scatter a spike must stand out of
+OF_TURNS = 2e-3  # chance of so many spikes at turning points, below which they are no accidents
 LONGEST = 5  # samples; what lasts longer is no spike
 MOST = 0.02  # of all samples
 BY_CHANCE = 0.1  # of the spikes may be noise
@@ -96,6 +97,8 @@ def _found(groups: Groups, model: Model, far: float) -> Spikes:
         ])
         if group.repeats > 1:  # what every repeat shows at the same place is no accident
             marks &= np.array([_alone(group.measured_um, k, far) for k in range(group.repeats)])
+        else:  # nor is what turning points show, one after the other
+            marks[0] &= ~_at_turns(group, marks[0])
         rows = []
         for r, (row, mark) in enumerate(zip(group.measured_um, marks, strict=True)):
             found = _events(mark)
@@ -152,6 +155,24 @@ def _alone(rows: FloatArray, k: int, far: float) -> NDArray[np.bool_]:
     # a coarse sensor repeats itself exactly most of the time
     spread = (np.percentile(off, 99) - np.percentile(off, 1)) / 4.65
     return np.asarray(np.abs(off) > 0.75 * far * max(sigma, float(spread)))
+
+
+def _at_turns(group: Group, mark: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Events at turning points, where more of them are there than accidents would be.
+
+    A clipped corner of a fast drive is one sample that stands off: it is the drive's doing.
+    """
+    turns = np.zeros(mark.size, bool)
+    for beside in (-1, 0, 1):
+        turns[np.clip(group.loops.stop + beside, 0, mark.size - 1)] = True
+    found = _events(mark)
+    there = [(a, b) for a, b in found if turns[a:b].any()]
+    expected = len(found) * float(turns.mean())
+    out = np.zeros_like(mark)
+    if len(there) > 1 and poisson_above(len(there) - 1, max(expected, 1e-9)) < OF_TURNS:
+        for a, b in there:
+            out[a:b] = True
+    return out
 
 
 def _events(mark: NDArray[np.bool_]) -> list[tuple[int, int]]:
