@@ -41,7 +41,7 @@ class Context:
     offset_v : drive at no command, if it has any
     session_s : from the beginning of the first recording to the end of the last
     ends_v : lowest and highest drive
-    ends_um : how far the sensor goes below (negative) and above its first sample
+    ends_um : how far the sensor goes below (negative) and above where a sweep begins
     steepest_v_per_s : largest |dV/dt| within a half loop, over some samples
     """
 

@@ -18,6 +18,7 @@ from typing import ClassVar
 import numpy as np
 
 from piezo_rig.causes.cause import Cause, Context, FloatArray
+from piezo_rig.chain.drives import first_measured
 from piezo_rig.chain.stage import Signal, Stage
 
 # of the travel that is seen
@@ -39,12 +40,12 @@ class SensorClipping(Cause):
     def act(self, signal: Signal) -> Signal:
         if not signal.displacement_um.size:
             return signal
-        zero, level = signal.displacement_um[0], self["level"]
+        zero, level = _zero(signal), self["level"]
         within = np.minimum if level > 0 else np.maximum
         return signal.with_displacement(within(signal.displacement_um, zero + level))
 
     def carry(self, signal: Signal, changes: FloatArray) -> FloatArray:
-        zero, level = signal.displacement_um[0], self["level"]
+        zero, level = _zero(signal), self["level"]
         off = (signal.displacement_um - zero - level) * np.sign(level)
         return np.asarray(changes * (off < 0.0))
 
@@ -60,3 +61,8 @@ class SensorClipping(Cause):
     @classmethod
     def begun(cls, trials: Sequence[Stage], shares: FloatArray) -> Stage:
         return trials[0]
+
+
+def _zero(signal: Signal) -> float:
+    """Where the sweep begins, behind whatever is played before one of unknown history."""
+    return float(signal.displacement_um[first_measured(signal.time_s)])

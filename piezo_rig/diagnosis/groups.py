@@ -224,12 +224,6 @@ class Groups:
                 max(float(g.drive_v.max()) for g in self.groups))  # fmt: skip
 
     @property
-    def ends_um(self) -> tuple[float, float]:
-        """How far the sensor goes below and above its first sample."""
-        off = [row - row[0] for row in (g.measured_um.mean(axis=0) for g in self.groups)]
-        return min(float(x.min()) for x in off), max(float(x.max()) for x in off)
-
-    @property
     def session_s(self) -> float:
         """From the beginning of the first recording to the end of the last."""
         begun = min(float(g.starts_s.min()) for g in self.groups)

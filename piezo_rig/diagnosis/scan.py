@@ -110,9 +110,28 @@ def context_of(space: Space, model: Model) -> Context:
         space.groups.offset_v,
         space.groups.session_s,
         space.groups.ends_v,
-        space.groups.ends_um,
+        _ends_um(space.groups, model),
         _steepest(space.groups),
     )
+
+
+def _ends_um(groups: Groups, model: Model) -> tuple[float, float]:
+    """How far the sensor goes below and above where a sweep begins by a model.
+
+    That is its first sample, but for a recording of unknown history: what it brought along is not
+    in the model.
+    """
+    low = high = 0.0
+    for g in groups.groups:
+        seen = g.measured_um.mean(axis=0)
+        begun = seen[0]
+        if not g.virgin:
+            predicted = g.predicted(model)
+            off = np.concatenate([(seen - predicted)[a:b] for a, b in g.blocks])
+            begun = predicted[0] + off.mean()
+        cut = np.concatenate([seen[a:b] for a, b in g.blocks]) - begun
+        low, high = min(low, float(cut.min())), max(high, float(cut.max()))
+    return low, high
 
 
 def _steepest(groups: Groups) -> float:
