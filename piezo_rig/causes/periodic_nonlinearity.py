@@ -17,6 +17,7 @@ from typing import ClassVar
 import numpy as np
 
 from piezo_rig.causes.cause import Cause, Context, FloatArray
+from piezo_rig.chain.drives import first_measured
 from piezo_rig.chain.stage import Parameter, Signal, Stage
 
 HALF_WAVE_UM = 0.3164
@@ -36,7 +37,7 @@ class PeriodicNonlinearity(Cause):
     }
 
     def act(self, signal: Signal) -> Signal:
-        angle = 2.0 * np.pi / HALF_WAVE_UM * signal.displacement_um
+        angle = 2.0 * np.pi / HALF_WAVE_UM * _on_the_scale(signal)
         error = self["sine"] * np.sin(angle) + self["cosine"] * np.cos(angle)
         if self["sine_2"] or self["cosine_2"]:
             error = error + self["sine_2"] * np.sin(2 * angle)
@@ -57,3 +58,18 @@ class PeriodicNonlinearity(Cause):
         spread = float(np.sqrt(max(float(way @ covariance[:2, :2] @ way), 0.0)))
         low = max(size - 1.96 * spread, 0.0)
         return {"amplitude": Parameter(size, "nm", (low, size + 1.96 * spread))}
+
+
+def _on_the_scale(signal: Signal) -> FloatArray:
+    """Displacement (n,) as the interferometer's own scale reads it, um."""
+    x, reads = signal.displacement_um, signal.reads_um
+    if reads is None:
+        return x
+    ends = np.append(signal.begins[1:], x.size)
+
+    def first() -> FloatArray:
+        parts = zip(signal.begins.tolist(), ends.tolist(), strict=True)
+        return np.array([a + first_measured(signal.time_s[a:b]) for a, b in parts])
+
+    at = signal.of_drive.get("first measured", first)
+    return np.asarray(x + np.repeat(reads - x[at], ends - signal.begins))

@@ -32,8 +32,11 @@ class Drives:
     begins: NDArray[np.int64]
 
     @classmethod
-    def of(cls, plays: Sequence[tuple[FloatArray, FloatArray, str]]) -> Drives:
-        """From times (n,), drives (n,) and histories, as `Model.simulate` takes them.
+    def of(
+        cls, plays: Sequence[tuple[FloatArray, FloatArray, str]],
+        reads_um: Sequence[float] | None = None,
+    ) -> Drives:  # fmt: skip
+        """From times (n,), drives (n,), histories and readings, as `Model.simulate` takes them.
 
         Raises
         ------
@@ -49,6 +52,7 @@ class Drives:
         signal = Signal(
             np.concatenate([s.time_s for s, _ in each]),
             np.concatenate([s.drive_v for s, _ in each]), np.zeros(0), ends - sizes,
+            reads_um=None if reads_um is None else np.array(reads_um, float),
         )  # fmt: skip
         inside: NDArray[np.bool_] | slice = slice(None)
         if before.any():
@@ -69,20 +73,25 @@ def first_measured(time_s: FloatArray) -> int:
     return int(before[-1]) + 1 if before.size else 0
 
 
-def begun(time_s: FloatArray, drive_v: FloatArray, history: str) -> tuple[Signal, int]:
+def begun(
+    time_s: FloatArray, drive_v: FloatArray, history: str, reads_um: float | None = None
+) -> tuple[Signal, int]:
     """The signal before any stage, and how many samples come before the given drive."""
     time, drive = _checked(time_s, drive_v)
+    reads = None if reads_um is None else np.array([reads_um])
     if history == "virgin":
-        return at_rest(time, drive), 0
+        return at_rest(time, drive, reads), 0
     if not np.all(np.isfinite(drive)):
         refuse_gaps(drive)
     whole = preceded(drive)
     before = whole.size - drive.size
-    return at_rest(long_after(time, before), whole), before
+    return at_rest(long_after(time, before), whole, reads), before
 
 
-def at_rest(time_s: FloatArray, drive_v: FloatArray) -> Signal:
-    return Signal(time_s, drive_v, np.zeros(0))
+def at_rest(
+    time_s: FloatArray, drive_v: FloatArray, reads_um: FloatArray | None = None
+) -> Signal:
+    return Signal(time_s, drive_v, np.zeros(0), reads_um=reads_um)
 
 
 def long_after(time_s: FloatArray, before: int) -> FloatArray:

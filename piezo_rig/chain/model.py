@@ -105,6 +105,7 @@ class Model:
         free_end: bool = False,
         memo: Memo | None = None,
         earlier: Sequence[FloatArray] = (),
+        reads_um: float | None = None,
     ) -> FloatArray:
         """What the sensor would show of a drive.
 
@@ -122,6 +123,8 @@ class Model:
         memo : of this drive with this history
         earlier : turning points of the drives that were played before a ``virgin`` one, oldest
             first; they matter to a model with a stage that remembers them
+        reads_um : what an interferometer's own scale reads at the first sample, where that is
+            not the model's displacement; the same for every call with one ``memo``
 
         Returns
         -------
@@ -132,7 +135,7 @@ class Model:
         if history not in ("virgin", "carried", "unknown"):
             raise InputError("history", f"history {history!r} is not virgin, carried or unknown")
         memo = Memo() if memo is None else memo
-        signal, before = memo.begun(lambda: begun(time_s, drive_v, history))
+        signal, before = memo.begun(lambda: begun(time_s, drive_v, history, reads_um))
         drive = signal.drive_v[before:]
         active = [s for s in self.stages if s.locked_to == "drive"]
         if any(s.units or s.place == "drive" for s in active) and not signal.of_drive.get(

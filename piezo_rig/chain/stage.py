@@ -63,7 +63,9 @@ class Signal:
     ``drive_v`` is the drive on the actuator, ``displacement_um`` what has become of it so far.
     ``begins`` : shape (k,), samples at which a stretch begins, played by itself: several drives
     are played at once as one signal. ``of_drive`` keeps what stages make of time and drive alone,
-    ``of_displacement`` what they make of the displacement too.
+    ``of_displacement`` what they make of the displacement too. ``reads_um`` : shape (k,), what an
+    interferometer's own scale reads where each stretch begins to be measured; None where its zero
+    is the model's.
     """
 
     time_s: FloatArray
@@ -72,14 +74,20 @@ class Signal:
     begins: NDArray[np.int64] = field(default_factory=lambda: np.zeros(1, np.int64))
     of_drive: Kept = field(default_factory=Kept, repr=False)
     of_displacement: Kept = field(default_factory=Kept, repr=False)
+    reads_um: FloatArray | None = None
 
     def with_drive(self, drive_v: FloatArray) -> Signal:
         """The signal with another drive."""
-        return Signal(self.time_s, drive_v, self.displacement_um, self.begins)
+        return Signal(
+            self.time_s, drive_v, self.displacement_um, self.begins, reads_um=self.reads_um
+        )
 
     def with_displacement(self, displacement_um: FloatArray) -> Signal:
         """The signal with another displacement."""
-        return Signal(self.time_s, self.drive_v, displacement_um, self.begins, self.of_drive)
+        return Signal(
+            self.time_s, self.drive_v, displacement_um, self.begins, self.of_drive,
+            reads_um=self.reads_um,
+        )  # fmt: skip
 
     @property
     def stretches(self) -> list[Signal]:
@@ -88,10 +96,12 @@ class Signal:
             return [self]
         known = self.of_drive.get("stretches", lambda: [Kept() for _ in self.begins])
         ends = [*self.begins[1:].tolist(), self.time_s.size]
+        reads = self.reads_um
         return [
-            Signal(self.time_s[a:b], self.drive_v[a:b], self.displacement_um[a:b], of_drive=kept)
-            for a, b, kept in zip(self.begins.tolist(), ends, known, strict=True)
-        ]
+            Signal(self.time_s[a:b], self.drive_v[a:b], self.displacement_um[a:b], of_drive=kept,
+                   reads_um=None if reads is None else reads[k : k + 1])
+            for k, (a, b, kept) in enumerate(zip(self.begins.tolist(), ends, known, strict=True))
+        ]  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)

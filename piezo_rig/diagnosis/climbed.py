@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from piezo_rig.causes.cause import Cause
+from piezo_rig.chain import Model
 from piezo_rig.diagnosis import engine
 from piezo_rig.diagnosis.alike import differ, of_one_history, plainly_remembering
 from piezo_rig.diagnosis.climb import climb
@@ -30,12 +31,14 @@ from piezo_rig.diagnosis.monitored import corrected, freed, taken_in
 from piezo_rig.diagnosis.over_scales import over_scales
 from piezo_rig.diagnosis.reaches import Intervals, at_their_reaches
 from piezo_rig.diagnosis.refit import Fitted, refit, settle
+from piezo_rig.diagnosis.scale import on_one_scale
 from piezo_rig.diagnosis.space import Space
 from piezo_rig.diagnosis.spare import faded
 
 FloatArray = NDArray[np.float64]
 WORSE, STRICT, AWAY = 1.03, 1.01, 3.0  # by which an extension may raise held-out errors
 ROUNDS, SETTLED = 3, 0.05  # of what is left in memory; the share by which it has changed
+PERIODIC = "periodic-nonlinearity"
 CLOSE = 1.3  # times the noise floor: nearly nothing is left, and a true cause does no harm
 
 
@@ -111,9 +114,14 @@ def _near(before: tuple[float, ...], left: tuple[float, ...]) -> bool:
 
 def _climbed(
     clean: Groups, start: Point, rng: np.random.Generator, tell: Callable[[str], None], others: int,
-    reading: Reading | None, brief: bool = False,
+    reading: Reading | None, brief: bool = False, scale: Model | None = None,
 ) -> Climbed:
+    if scale is not None:
+        clean = on_one_scale(clean, scale)
     tell("noise")
+    first_look = on_one_scale(clean, start.model) if scale is None else None
+    scaled = first_look is not None and first_look is not clean
+    clean = clean if first_look is None else first_look
     whitener, repeated = engine.noise_of(clean, start, rng)
     space, folds = engine.space_of(clean, whitener, start.model)
     if start.fixed:
@@ -150,8 +158,14 @@ def _climbed(
     elif out.kind != folds:
         gates.append((carries_over, AWAY))
     out.ladder = climb(
-        space, first, rng, tell, gates, floor or space.sample_noise_nm, others, helps, brief,
+        space, first, rng, tell, gates, floor or space.sample_noise_nm, others, helps,
+        brief or scaled,
     )  # fmt: skip
+    if scaled:
+        # phases were read beside all that the baseline leaves; most of that is explained now
+        tell("where recordings begin on the interferometer's scale")
+        last = out.ladder.last.point.model.without(PERIODIC)
+        return _climbed(clean, start, rng, tell, others, reading, brief, last)
     if brief and out.ladder.steps:
         return out
     if not out.monitored or reading is None:

@@ -103,7 +103,8 @@ def through(model: Model, group: Group, columns: FloatArray) -> FloatArray:
     base = model.with_(stages=tuple(s for s in model.stages if s not in stages))
     moved = base.simulate(group.time_s, group.drive_v, group.history)
 
-    signal = Signal(group.time_s, group.drive_v, moved)
+    reads = None if group.reads_um is None else np.array([group.reads_um])
+    signal = Signal(group.time_s, group.drive_v, moved, reads_um=reads)
     for stage in stages:
         columns = stage.carry(signal, columns)
         signal = stage.act(signal)

@@ -53,6 +53,7 @@ class Group:
         first; empty where the history is not known
     after : for every recording which of those it was played after; empty where they were made alike
     fine : ranges of samples that are not thinned
+    reads_um : what the interferometer's own scale reads at the first sample; None: the model's
     """
 
     time_s: FloatArray
@@ -68,6 +69,7 @@ class Group:
     after: tuple[int, ...] = ()
     fine: Ranges = ()
     begun_s: float = 0.0
+    reads_um: float | None = None
     memo: Memo = field(default_factory=Memo, init=False, repr=False)
     memos: dict[int, Memo] = field(default_factory=dict, init=False, repr=False)
 
@@ -93,7 +95,9 @@ class Group:
             for k, (share, _) in enumerate(self.earlier):
                 moved += share * self._after(model, k)
         else:
-            moved = model.simulate(self.time_s, self.drive_v, self.history, memo=self.memo)
+            moved = model.simulate(
+                self.time_s, self.drive_v, self.history, memo=self.memo, reads_um=self.reads_um
+            )
         if any(s.locked_to == "clock" for s in model.stages):
             moved = moved + self.by_the_clock(model)
         return moved

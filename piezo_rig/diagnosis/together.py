@@ -41,7 +41,11 @@ class Together:
     @classmethod
     def of(cls, groups: Groups) -> Together:
         each = [groups.short(g) for g in groups.groups]
-        drives = Drives.of([(s.group.time_s, s.group.drive_v, s.group.history) for s in each])
+        reads = [s.group.reads_um for s in each]
+        drives = Drives.of(
+            [(s.group.time_s, s.group.drive_v, s.group.history) for s in each],
+            None if None in reads else [r for r in reads if r is not None],
+        )
         sizes = [s.inside.size for s in each]
         kept = [int(s.inside.sum()) for s in each]
         inside = np.concatenate([s.inside for s in each])
