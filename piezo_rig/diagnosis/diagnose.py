@@ -14,6 +14,7 @@ from piezo_rig.causes import CAUSES, named_model
 from piezo_rig.causes.cause import Cause, FirstSpring
 from piezo_rig.chain import Model, Parameter
 from piezo_rig.diagnosis.abreast import abreast
+from piezo_rig.diagnosis.as_recorded import as_recorded
 from piezo_rig.diagnosis.checks import (
     baseline_warnings,
     beyond_its_drives,
@@ -294,7 +295,11 @@ def parameters_of(
     begun = fitted.point.model.stage(cause)
     if isinstance(begun, FirstSpring) and not fitted.point.fixed:
         said["offset"] = offset_of(fitted, begun)
-    return {n: _spread(p, spread.get((cause, n))) for n, p in said.items()}
+    said = {n: _spread(p, spread.get((cause, n))) for n, p in said.items()}
+    if stage.bending:
+        at = said[stage.bending]
+        said[stage.bending] = as_recorded(fitted.space.groups, fitted.point.model, at)
+    return said
 
 
 def _only_believed(stage: Cause, name: str, p: Parameter) -> bool:

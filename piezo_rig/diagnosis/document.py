@@ -124,9 +124,12 @@ def text(d: Diagnosis) -> list[str]:
     if u.detected:
         lines.append(f"unexplained  {u.text}")
     else:
+        allowed = (
+            f"{u.allowance_nm:.2g} nm allowed" if u.rms_nm <= u.allowance_nm
+            else "which may be chance in data like these"
+        )
         lines.append(
-            f"the rest  nothing that stands out: {u.rms_nm:.2g} nm of structure, "
-            f"{u.allowance_nm:.2g} nm allowed"
+            f"the rest  nothing that stands out: {u.rms_nm:.2g} nm of structure, {allowed}"
         )
     if d.follow_up is not None:
         cause, *others = d.follow_up.separates

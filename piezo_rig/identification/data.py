@@ -7,6 +7,7 @@ of the actuator's memory is known.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -26,6 +27,10 @@ from piezo_rig.identification.checks import (
 from piezo_rig.identification.rest import begins_at_rest
 from piezo_rig.run_file.sweep import Sweep
 
+FEW = 3  # notes of one kind that are given one by one
+_BEFORE = re.compile(
+    r"(?P<whose>.*): history unknown, (?P<first>\d+) of (?P<of>\d+) samples (?P<what>before .*)"
+)
 FloatArray = NDArray[np.float64]
 COVERED = 0.5  # of the drive's range must be covered with a known memory
 EXTREME = 0.005  # of the range: this near counts as having visited an extreme
@@ -188,8 +193,29 @@ def prepare(
         tuple(tracks),
         tuple(s.condition or s.name for s in sweeps),
         tuple(s.name for s in sweeps),
-        left_out,
+        gathered(left_out),
     )
+
+
+def gathered(notes: Sequence[str]) -> list[str]:
+    """Notes that say the same of many recordings, but for how many samples, as one."""
+    alike: dict[str, list[re.Match[str]]] = {}
+    for note in notes:
+        if (said := _BEFORE.fullmatch(note)) is not None:
+            alike.setdefault(said["what"], []).append(said)
+    out = []
+    for note in notes:
+        said = _BEFORE.fullmatch(note)
+        every = alike[said["what"]] if said is not None else []
+        if said is None or len(every) <= FEW:
+            out.append(note)
+        elif note == every[0].string:
+            shares = [100.0 * int(m["first"]) / int(m["of"]) for m in every]
+            out.append(
+                f"{every[0]['whose']} and {len(every) - 1} more: history unknown, "
+                f"{min(shares):.0f} to {max(shares):.0f} % of their samples {said['what']}"
+            )
+    return out
 
 
 def _track(

@@ -30,6 +30,7 @@ LASTING = 0.1  # of a recording
 HANN = 1.5  # by which a Hann window widens the band
 NEAR_HZ, NEAR_CELLS = 0.06, 0.2  # about a frequency; of the resolution of the longest recording
 FINE, PARTS = 60, 32  # steps to either side, parts of a recording
+FURTHER = 4  # times that the likeliest frequency is looked for further out
 LONG_S = 0.3  # a recording must last this long
 
 
@@ -133,6 +134,23 @@ def refined(rows: list[Row], near_hz: float, highest_hz: float) -> tuple[float, 
     longest = max(float(row.time_s[-1] - row.time_s[0]) for row in rows)
     near = max(NEAR_HZ, NEAR_CELLS / longest)
     off = np.linspace(-near, near, 2 * FINE + 1)
+    for _ in range(FURTHER):
+        worth = _worth(rows, near_hz, off, highest_hz)
+        summit = int(np.argmax(worth))
+        if 0 < summit < off.size - 1:
+            break
+        near_hz += float(off[summit])  # it lies further out
+    best = int(np.clip(summit, 1, off.size - 2))
+    step = off[1] - off[0]
+    curve = (worth[best - 1] - 2.0 * worth[best] + worth[best + 1]) / step**2
+    slope = (worth[best + 1] - worth[best - 1]) / (2.0 * step)
+    if summit != best or curve >= 0.0:
+        return near_hz, near
+    return float(near_hz + off[best] - slope / curve), float(1.0 / np.sqrt(-curve))
+
+
+def _worth(rows: list[Row], near_hz: float, off: FloatArray, highest_hz: float) -> FloatArray:
+    """Log-likelihood (m,) of lines so far off a frequency that is nearly right."""
     worth = np.zeros(off.size)
     for row in rows:
         cell = 1.0 / float(row.time_s[-1] - row.time_s[0])
@@ -147,14 +165,7 @@ def refined(rows: list[Row], near_hz: float, highest_hz: float) -> tuple[float, 
             parts = turned.reshape(PARTS, -1).mean(axis=1)
             line = 2.0 * np.exp(-2j * np.pi * k * np.outer(off, at)) @ parts / PARTS
             worth += row.share * np.abs(line) ** 2 / max(noise, 1e-300)
-    best = int(np.clip(np.argmax(worth), 1, off.size - 2))
-    step = off[1] - off[0]
-    curve = (worth[best - 1] - 2.0 * worth[best] + worth[best + 1]) / step**2
-    slope = (worth[best + 1] - worth[best - 1]) / (2.0 * step)
-    if curve >= 0.0:
-        return near_hz, near
-    beyond = float(np.clip(-slope / curve, -step, step))  # a summit at the edge is not further out
-    return float(near_hz + off[best] + beyond), float(1.0 / np.sqrt(-curve))
+    return worth
 
 
 def rows_of(groups: Groups, model: Model) -> list[Row]:
