@@ -30,7 +30,7 @@ def stages() -> dict[str, list]:
     """Examples of every cause, several times as large as the ones that are looked for."""
     slews = np.array([100.0, 300.0])
     context = Context(
-        BASE, 9.0, 70.0, slews, 1.0 / RATE, 1.5, RATE, 75.0, 3.0, (5.0, 75.0), (0.0, 9.0)
+        BASE, 9.0, 70.0, slews, 1.0 / RATE, 1.5, RATE, 75.0, 3.0, (5.0, 75.0), (0.0, 5.0)
     )
     out = {"bend": [Bend.none(0.0, 70.0).with_values(square=0.2, cube=-0.1)]}
     for id, kind in CAUSES.items():

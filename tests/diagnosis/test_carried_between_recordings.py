@@ -20,6 +20,7 @@ from piezo_rig.diagnosis.early.hum import find_hum
 from piezo_rig.diagnosis.engine import plain_space
 from piezo_rig.diagnosis.fit import Point, starting_model
 from piezo_rig.diagnosis.groups import group_tracks
+from piezo_rig.diagnosis.held_out import _inside
 from piezo_rig.diagnosis.refit import refit
 from piezo_rig.identification import prepare
 from piezo_rig.run_file import Sweep
@@ -136,3 +137,21 @@ def test_corners_that_are_cut_off_are_no_outliers():
     assert names[0] == "drive-clipping"
     assert "outliers" not in names
     assert found.findings[0].parameters["lower"].value == pytest.approx(11.2, abs=0.02)
+
+
+@pytest.mark.parametrize(("left_out", "inside"), [
+    ((10.0, 55.0), True),  # 10 to 75 V is played as well
+    ((10.0, 75.0), False),  # no other goes further than 45 V at once
+])  # fmt: skip
+def test_what_is_left_out_is_judged_only_where_another_drive_goes_as_far(left_out, inside):
+    drives = [triangles(*e) for e in ENDS]
+    sweeps = sitting(drives, names=NAMES[:4])
+    groups = group_tracks(prepare(sweeps, first_rises=True, clipped=True), sweeps)
+    assert _inside(groups, [ENDS.index(left_out)]) is inside
+
+
+def test_what_holds_of_many_recordings_is_said_once():
+    said = prepare(sitting(MATRIX, names=NAMES), first_rises=True, clipped=True).left_out
+    (note,) = (n for n in said if "history unknown" in n)
+    assert "and 7 more" in note
+    assert "17 %" in note  # half a loop of three

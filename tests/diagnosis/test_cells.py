@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -66,6 +68,17 @@ def test_samples_are_kept_from_before_a_corner_until_a_mode_has_rung_off():
     cells = cells_of(0, 4000, beside_corners(at, RATE, 60, 4000), 7)
     assert cells.split.sum() * 7 >= 3 * 140
     assert cells.split.sum() * 7 <= 3 * (140 + 14)
+
+
+def test_stretches_of_single_samples_stay_short_at_any_rate_and_speed():
+    """A covariance is made of each whole: at 50 kSa/s a corner every 25 ms was one of gigabytes."""
+    for rate, apart in ((50_000.0, 1250), (5000.0, 125), (50_000.0, 25_000)):
+        n = 40 * apart
+        found = beside_corners(range(apart, n, apart), rate, 30, n, 5000)
+        assert found
+        assert all(b - a <= 1000 for a, b in found)
+        assert sum(b - a for a, b in found) <= 5000
+        assert all(a < b <= c for (a, b), (c, _) in pairwise(found))
 
 
 @pytest.mark.parametrize("corner", [None, 0.002, 0.2])
