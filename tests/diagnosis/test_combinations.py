@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pytest
+
 from piezo_rig.diagnosis import diagnose
 from piezo_rig.studies.hidden import draw
 
@@ -14,6 +16,7 @@ def test_a_law_and_a_drift_neither_of_which_carries_over_alone_are_both_named():
     assert not found.unexplained.detected
 
 
+@pytest.mark.study
 def test_creep_and_a_drift_that_nearly_cancel_are_named_before_what_stands_in_for_both():
     case = draw("pair", 1500, "shuffled", "white", 100.0, 2, "A")
     found = diagnose(case.sweeps)
@@ -25,6 +28,7 @@ def test_creep_and_a_drift_that_nearly_cancel_are_named_before_what_stands_in_fo
             assert low < true < high
 
 
+@pytest.mark.study
 def test_without_repeats_the_condition_of_the_largest_range_does_not_speak_for_all():
     # left out it asks for extrapolation: 133 nm there, and 2 to 4 where the bend is right
     case = draw("pair", 1522, "holds", "white", 150.0, 1, "A")

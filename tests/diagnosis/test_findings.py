@@ -173,6 +173,7 @@ def humped(x, drive, t):
     return out
 
 
+@pytest.mark.study
 def test_beside_something_unknown_stands_only_what_helps_to_predict():
     found = diagnose(recordings(humped, seed=5))
     assert found.unexplained.detected
