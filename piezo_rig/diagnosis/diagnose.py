@@ -126,6 +126,7 @@ def _diagnosed(
         start = refit(plain_space(clean, start.point.model), start.point)
         search = climbed(clean, start.point, rng, tell, tried, reading)
     stages = [(f.cause, f.groups) for f in found_early]
+    clean = _on_the_scale_of(search.space.groups, clean)
     space, ladder, kind, floor = search.space, search.ladder, search.kind, search.floor_nm
     folds, errors = search.folds, search.errors
     steps = [*search.monitored, *ladder.steps]
@@ -230,6 +231,16 @@ def _diagnosed(
         notes, warnings, refused,
         Workings((raw, *(g for _, g in stages), *(clean for _ in steps)), space, last),
     )  # fmt: skip
+
+
+def _on_the_scale_of(known: Groups, groups: Groups) -> Groups:
+    """The same groups, beginning where others of the same drives do on the sensor's own scale."""
+    if all(g.reads_um is None for g in known.groups):
+        return groups
+    return groups.with_([
+        replace(g, reads_um=k.reads_um)
+        for g, k in zip(groups.groups, known.groups, strict=True)
+    ])  # fmt: skip
 
 
 def _baseline(groups: Groups, baseline: str | Model) -> Point:

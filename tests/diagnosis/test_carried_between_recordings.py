@@ -97,6 +97,11 @@ def test_a_periodic_error_is_named_although_every_recording_has_its_own_phase():
     assert found.findings[0].parameters["amplitude"].value == pytest.approx(4.0, abs=0.15)
     assert not found.unexplained.detected
     assert found.rungs[-1].rms_nm == pytest.approx(2.0, rel=0.1)
+    # and the report draws what is left of the same recordings: two repeats of 2 nm, averaged
+    for g in found.workings.groups[-1].groups:
+        left = g.measured_um.mean(axis=0) - g.predicted(found.rung_models[-1])
+        for a, b in g.blocks:
+            assert 1e3 * np.std(left[a:b]) == pytest.approx(2.0 / np.sqrt(2.0), rel=0.15)
 
 
 def test_a_sensor_that_ends_is_told_with_its_level_above_where_the_sweep_begins():

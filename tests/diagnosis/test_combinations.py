@@ -8,6 +8,7 @@ from piezo_rig.diagnosis import diagnose
 from piezo_rig.studies.hidden import draw
 
 
+@pytest.mark.study
 def test_a_law_and_a_drift_neither_of_which_carries_over_alone_are_both_named():
     case = draw("pair", 907, "holds", "1/f")
     found = diagnose(case.sweeps)

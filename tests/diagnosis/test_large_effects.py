@@ -28,6 +28,7 @@ from piezo_rig.diagnosis.spare import _gained_nothing, _stands_in
 from piezo_rig.studies.hidden import draw
 
 
+@pytest.mark.study
 @pytest.mark.parametrize(
     ("kind", "seed", "protocol"),
     [("creep", 701, "matrix"), ("range-dependence", 700, "matrix")],
@@ -125,6 +126,7 @@ def test_a_slew_limit_just_above_the_speed_of_another_half_loop_is_named_alone()
     assert found.findings[0].parameters["limit"].value == pytest.approx(limit, rel=1e-3)
 
 
+@pytest.mark.study
 def test_a_first_rise_of_its_own_among_minor_loops_is_not_told_from_its_own_density():
     # one first rise alone: the smooth density that the base has for it could do all of it
     case = draw("pair", 1497, "minor_loops", "white", 150.0, 2, "A")

@@ -55,6 +55,7 @@ def session():
     return out
 
 
+@pytest.mark.study
 def test_what_is_left_of_large_recordings_is_named_alone_and_measured(session):
     found = diagnose(session)
     assert [f.cause for f in found.findings] == ["remanence"]
