@@ -116,12 +116,10 @@ def _climbed(
     clean: Groups, start: Point, rng: np.random.Generator, tell: Callable[[str], None], others: int,
     reading: Reading | None, brief: bool = False, scale: Model | None = None,
 ) -> Climbed:
-    if scale is not None:
-        clean = on_one_scale(clean, scale)
+    """``scale`` : explains more than ``start`` does, and tells where on it recordings begin."""
     tell("noise")
-    first_look = on_one_scale(clean, start.model) if scale is None else None
-    scaled = first_look is not None and first_look is not clean
-    clean = clean if first_look is None else first_look
+    before, clean = clean, on_one_scale(clean, scale or start.model)
+    only_for_scale = scale is None and clean is not before
     whitener, repeated = engine.noise_of(clean, start, rng)
     space, folds = engine.space_of(clean, whitener, start.model)
     if start.fixed:
@@ -159,9 +157,9 @@ def _climbed(
         gates.append((carries_over, AWAY))
     out.ladder = climb(
         space, first, rng, tell, gates, floor or space.sample_noise_nm, others, helps,
-        brief or scaled,
+        brief or only_for_scale,
     )  # fmt: skip
-    if scaled:
+    if only_for_scale:
         # phases were read beside all that the baseline leaves; most of that is explained now
         tell("where recordings begin on the interferometer's scale")
         last = out.ladder.last.point.model.without(PERIODIC)

@@ -77,8 +77,8 @@ class Conditions:
         if again is not None:
             condition = again
             self._told.add(sweep.source, [
-                f"plays what {self._first[again].source} plays, and their names differ by what "
-                f"they count only: a repeat of condition '{again}'"
+                f"plays the same as {self._first[again].source}, and only a number or a letter "
+                f"tells their names apart: taken for a repeat of condition '{again}'"
             ])  # fmt: skip
         taken = self._taken.setdefault(condition, set())
         repeat = sweep.repeat
