@@ -19,6 +19,7 @@ FloatArray = NDArray[np.float64]
 BLOCKS, BLOCK = 16, 400  # samples looked at for the dead band
 REACH = 10.0  # dead band in standard deviations: two extremes of a long hold
 LARGEST = 0.05  # of the drive's range
+MANY, FEWER = 20, 2.0  # reversals of a random walk; of those left beyond twice the dead band
 SMALL = 5e-4  # of the range of the drive: ringing or rounding, and no half loop
 
 
@@ -64,7 +65,22 @@ def dead_band(drive_v: FloatArray) -> float:
     """Reversals smaller than this are noise, volts; about 0 for a clean drive."""
     band = REACH * noise(drive_v)
     # what is larger than that is a waveform of few samples, not noise on one
-    return band if band < LARGEST * float(np.ptp(drive_v)) else 0.0
+    if band == 0.0 or band >= LARGEST * float(np.ptp(drive_v)):
+        return 0.0
+    return 0.0 if _of_every_size(drive_v, band) else band
+
+
+def _of_every_size(drive_v: FloatArray, band: float) -> bool:
+    """Whether reversals only just beyond a dead band are as frequent as in a random walk.
+
+    From sample to sample a random walk looks like noise. But of its reversals three in four are
+    gone when the band is twice as wide, where those of a noisy waveform are all still there.
+    """
+    from piezo_rig.chain.kernels import turning_points
+
+    drive = np.ascontiguousarray(drive_v, dtype=float)
+    inside, beyond = (turning_points(drive, times * band).size for times in (1.0, 2.0))
+    return bool(inside > MANY and inside > FEWER * beyond)
 
 
 def least_reversal(drive_v: FloatArray) -> float:

@@ -6,8 +6,12 @@ along the older branch, so a branch may be followed for longer than any half loo
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
+
+from piezo_rig.chain.half_loops import HalfLoops
 
 FloatArray = NDArray[np.float64]
 
@@ -45,3 +49,21 @@ def reaches(turns_v: FloatArray) -> tuple[FloatArray, FloatArray]:
         if not turned:
             first[leg] = abs(to - start)
     return first, later
+
+
+def reaches_of(drive_v: FloatArray, loops: HalfLoops) -> tuple[FloatArray, FloatArray]:
+    """`reaches` of the half loops of a drive (n,), each shape (m,), from a virgin start."""
+    return reaches(drive_v[np.append(loops.start, drive_v.size - 1)])
+
+
+def within(loops: HalfLoops, blocks: Sequence[tuple[int, int]]) -> NDArray[np.bool_]:
+    """Which half loops begin in one of some blocks (first, one past last sample), shape (m,)."""
+    return np.any([(loops.start >= a) & (loops.start < b) for a, b in blocks], axis=0)
+
+
+def longest_branch(
+    drive_v: FloatArray, loops: HalfLoops, blocks: Sequence[tuple[int, int]]
+) -> float:
+    """Largest drive change along one branch after a turning point in some blocks, volts."""
+    _, later = reaches_of(drive_v, loops)
+    return float(np.max(later[within(loops, blocks)], initial=0.0))

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from piezo_rig.causes.cause import Cause
 from piezo_rig.chain import Elements, Maxwell, Model, Stage
+from piezo_rig.chain.reach import longest_branch
 from piezo_rig.diagnosis.groups import Groups
 from piezo_rig.diagnosis.together import Together
 
@@ -167,10 +168,8 @@ def _replaced(model: Model, stage: Stage) -> Model:
 def starting_model(groups: Groups, kinds: tuple[type[Stage], ...], name: str) -> Model:
     """A Maxwell model with evenly spaced elements and the stages given, roughly sized."""
     virgin = [float(np.max(np.abs(g.drive_v - g.drive_v[0]))) for g in groups.groups if g.virgin]
-    later = max(
-        (float(np.max(np.abs(g.drive_v[g.loops.stop[1:]] - g.drive_v[g.loops.start[1:]])))
-         for g in groups.groups if len(g.loops) > 1), default=groups.span_v,
-    )  # fmt: skip
+    later = max(longest_branch(g.drive_v, g.loops, g.blocks) for g in groups.groups)
+    later = later or groups.span_v
     reach = max([later / 2.0, *virgin])
     c = groups.travel_um / reach
     count = ELEMENTS

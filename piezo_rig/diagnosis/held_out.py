@@ -13,8 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from piezo_rig.diagnosis.chances import normal_half_width, student_half_width
+from piezo_rig.diagnosis.covered import SHORT, covered
 from piezo_rig.diagnosis.fit import Point
-from piezo_rig.diagnosis.groups import Groups
+from piezo_rig.diagnosis.groups import Group, Groups
 from piezo_rig.diagnosis.refit import Fitted, element_step, parameter_step, settle
 from piezo_rig.diagnosis.space import Space
 from piezo_rig.errors import InputError
@@ -139,17 +140,17 @@ def held_out_errors(
             for r, row in enumerate(group.measured_um):
                 predicted = group.predicted_of(played, [r])
                 for a, b in group.blocks:
-                    if b - max(a, begin) < 8:
+                    if b - max(a, begin) < SHORT:
                         continue
                     error = row[a:b] - predicted[a:b]
-                    error = error - error.mean()
-                    cut = error[max(a, begin) - a :]
+                    cut = _scored(error - error.mean(), a, group, begin)
                     for c, part in enumerate(np.array_split(cut, CHUNKS if few else 1)):
                         at = squares.setdefault((g, r, c), [0.0, 0.0])
                         at[0] += float(part @ part)
                         at[1] += part.size
                     travel = float(np.ptp(row[a:b]))
-                    worst = max(worst, 100.0 * float(np.max(np.abs(cut))) / max(travel, 1e-12))
+                    most = float(np.max(np.abs(cut), initial=0.0))
+                    worst = max(worst, 100.0 * most / max(travel, 1e-12))
     keys = sorted(squares)
     values = np.array([squares[k] for k in keys])
     return Errors(
@@ -158,6 +159,24 @@ def held_out_errors(
         np.array([k[0] * (CHUNKS if few else 1) + k[2] for k in keys]),
         worst,
     )
+
+
+def _scored(error: FloatArray, first: int, group: Group, begin: int) -> FloatArray:
+    """Of the errors of a block, which begins at sample ``first``, those that are scored.
+
+    All, or of its last cycles those that go no further than its first ones. After an excursion
+    beyond them the offset is free again.
+    """
+    if begin == 0:
+        return error
+    parts, last = [], first + error.size
+    for a, b in covered(group, begin):
+        a, b = max(a, first), min(b, last)
+        if b - a >= SHORT:
+            parts.append(error[a - first : b - first])
+    if len(parts) == 1 and parts[0].size == last - max(first, begin):
+        return parts[0]
+    return np.concatenate([p - p.mean() for p in parts]) if parts else np.zeros(0)
 
 
 def _left_out(space: Space, fitted: Fitted, measured: Groups) -> Errors:

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from piezo_rig.chain import HalfLoops, dead_band, half_loops
-from piezo_rig.chain.reach import reaches
+from piezo_rig.chain.reach import longest_branch
 from piezo_rig.errors import InputError
 from piezo_rig.identification.checks import (
     check_agreement,
@@ -32,7 +32,7 @@ _BEFORE = re.compile(
     r"(?P<whose>.*): history unknown, (?P<first>\d+) of (?P<of>\d+) samples (?P<what>before .*)"
 )
 FloatArray = NDArray[np.float64]
-COVERED = 0.5  # of the drive's range must be covered with a known memory
+COVERED = 0.25  # of the drive's range must be covered with a known memory
 EXTREME = 0.005  # of the range: this near counts as having visited an extreme
 
 
@@ -70,14 +70,7 @@ class Track:
     @property
     def branch_reach_v(self) -> float:
         """Largest drive change along one branch after a turning point, volts."""
-        turns = self.drive_v[np.append(self.loops.start, self.drive_v.size - 1)]
-        if self.virgin:
-            return float(np.max(reaches(turns)[1], initial=0.0))
-        around = np.array([self.drive_v.min(), self.drive_v.max()])
-        legs = reaches(np.append(around, turns))[1][-len(self.loops) :]
-        start = self.loops.start
-        known = np.array([any(a <= s < b for a, b in self.blocks) for s in start])
-        return float(np.max(legs[known], initial=0.0))
+        return longest_branch(self.drive_v, self.loops, self.blocks)
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,22 +111,15 @@ class Data:
 
     def known_v(self, one_curve: bool) -> dict[str, float]:
         """Volts up to which data know the first rise, and a branch after a turning point."""
-        first, later = self.first_reach_v, max(t.branch_reach_v for t in self.tracks)
+        first, later = self.first_reach_v, self.later_reach_v
         if one_curve:
             first, later = max(first, later / 2.0), max(2.0 * first, later)
         return {"first_rise": first or later / 2.0, "branch": later}
 
     @property
     def later_reach_v(self) -> float:
-        """Largest drive change of one half loop after a turning point, volts."""
-        spans = [0.0]
-        for t in self.tracks:
-            loops = t.loops
-            for a, b in t.blocks:
-                inside = (loops.start >= (1 if a == 0 else a)) & (loops.start < b)
-                stop = np.minimum(loops.stop[inside], b - 1)
-                spans += list(np.abs(t.drive_v[stop] - t.drive_v[loops.start[inside]]))
-        return float(max(spans))
+        """Largest drive change along one branch after a turning point, volts."""
+        return max(t.branch_reach_v for t in self.tracks)
 
 
 def prepare(

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from piezo_rig.chain import Stage, dead_band
-from piezo_rig.chain.half_loops import REACH
+from piezo_rig.chain.half_loops import REACH, noise
 from piezo_rig.errors import InputError
 from piezo_rig.identification.breakpoints import BreakPoints, equal_travel, equal_volts, read_off
 from piezo_rig.identification.curves import Curves
@@ -43,6 +43,7 @@ WORSE = 1.001  # a coarser grid may predict this much worse than the best
 THESIS_ELEMENTS = 40
 ALMOST = 0.999  # equal displacements must fit better by this, or equal drives are kept
 CLEAN = 3e-6  # noise below this share of the travel: break points can be read off
+READ_OFF = 1e-5  # of the travel: what data without noise leave, written with few digits
 EXACT = 1e-3  # of the rms on a grid: break points that were read off are the true ones
 ROUNDING = 1e-11  # of the travel: the error of a fit that is exact but for rounding
 ALIKE = 0.02  # regressors that vary less, relative to their size, do not vary
@@ -86,20 +87,13 @@ def fit(
     notes += [folds.warning] if folds.warning else []
     progress("elements", 0.1)
     sigma = max(dead_band(t.displacement_um) for t in data.tracks) / REACH
-    clean = sigma < CLEAN * data.travel_um
+    rough = max(noise(t.displacement_um) for t in data.tracks)  # noise, or a drive of few samples
+    clean, smooth = (x < CLEAN * data.travel_um for x in (sigma, rough))
     few = data.one_repeat()  # what is looked for by trial is looked for there
     few_pieces = pieces if few is data else pieces_of(few, cycles=folds.kind == "cycles")
     if elements is None and not clean:
-        curves, prior, fine = _tied(data, one_curve, laws, pieces, folds, few)
-        if fine is None:
-            fine = linearised(data, curves, finer(data, pieces, FINE_PIECES)[0])
-        gram = fine.gram.sum(axis=0)
-        sizes = (curves.first_c.size, curves.later_c.size)[: 1 if one_curve else 2]
-        notes.append(
-            f"{' and '.join(map(str, sizes))} elements tied to their neighbours, as good as "
-            f"{prior.effective(gram):.0f} free ones (marginal likelihood, held-out {folds.kind})"
-        )
-        return LeastSquares(curves, pieces, folds, tuple(notes), prior, normal=fine)
+        return _many(data, one_curve, laws, pieces, folds, few, notes)
+    begun = list(notes)
     if elements is None:
         spaced = [_chosen(data, one_curve, pieces, folds, notes)]
         if laws and data.has_first_rise:
@@ -122,6 +116,9 @@ def fit(
     others: tuple[Curves, ...] = ()
     if clean:
         curves, others = _clean(data, curves, pieces, sigma, bool(folds.warning), notes)
+        exact = rms(data, residuals(data, curves)) < READ_OFF * data.travel_um
+        if elements is None and not smooth and not exact:
+            return _many(data, one_curve, laws, pieces, folds, few, begun)
     missing = untold(linearised(data, curves, pieces).gram.sum(axis=0)).shape[1]
     if missing:
         notes.append(
@@ -130,6 +127,23 @@ def fit(
         )
     progress("curves", 0.8)
     return LeastSquares(curves, pieces, folds, tuple(notes), None, others)
+
+
+def _many(
+    data: Data, one_curve: bool, laws: tuple[type[Stage], ...], pieces: tuple[Piece, ...],
+    folds: Folds, few: Data, notes: list[str],
+) -> LeastSquares:
+    """Many tied elements, and a note that says so."""
+    curves, prior, fine = _tied(data, one_curve, laws, pieces, folds, few)
+    if fine is None:
+        fine = linearised(data, curves, finer(data, pieces, FINE_PIECES)[0])
+    gram = fine.gram.sum(axis=0)
+    sizes = (curves.first_c.size, curves.later_c.size)[: 1 if one_curve else 2]
+    notes.append(
+        f"{' and '.join(map(str, sizes))} elements tied to their neighbours, as good as "
+        f"{prior.effective(gram):.0f} free ones (marginal likelihood, held-out {folds.kind})"
+    )
+    return LeastSquares(curves, pieces, folds, tuple(notes), prior, normal=fine)
 
 
 def _tied(

@@ -69,7 +69,8 @@ def _beginning(track: Track) -> Track:
     end = int(loops.start[count]) + 1
     drive = track.drive_v[:end]
     room = ALIKE * float(np.ptp(track.drive_v))
-    if np.max(apart) > room or np.ptp(drive) < np.ptp(track.drive_v) - room:
+    begin = track.blocks[0][0]  # what comes before is not fitted, however far it goes
+    if np.max(apart) > room or np.ptp(drive[begin:]) < np.ptp(track.drive_v[begin:]) - room:
         return track
     return replace(
         track, drive_v=drive, displacement_um=track.displacement_um[:end], edges=(0, end),

@@ -27,6 +27,22 @@ def test_noise_on_the_drive_makes_no_half_loops():
     assert 0.01 < dead_band(clean + 0.002 * rng.standard_normal(clean.size)) < 0.04
 
 
+@pytest.mark.parametrize("seed", range(5))
+def test_a_random_walk_is_no_noise(seed):
+    walk = np.cumsum(0.3 * np.random.default_rng(seed).standard_normal(6000))
+    assert dead_band(walk) == 0.0
+    assert dead_band(3.0 * walk) == 0.0
+
+
+def test_small_loops_are_counted_beside_large_ones_in_noise():
+    """A decay from 40 V to 0.1 V, in noise of 2 mV."""
+    t = np.arange(20_000) / 1e3
+    decay = 40.0 * np.exp(-0.3 * t) * np.sin(2.0 * np.pi * t)
+    noisy = decay + 0.002 * np.random.default_rng(1).standard_normal(t.size)
+    assert 0.01 < dead_band(noisy) < 0.04
+    assert len(half_loops(noisy)) == 41
+
+
 @pytest.mark.parametrize("per_cycle", [7, 20, 500])
 def test_a_clean_sine_has_no_dead_band(per_cycle):
     sine = np.sin(2 * np.pi * np.arange(4000) / per_cycle)

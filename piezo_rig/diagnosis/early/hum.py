@@ -214,7 +214,9 @@ def _line(rows: list[Row], f: FloatArray) -> tuple[FloatArray, float]:
         level = row.power(f[..., None] + AROUND * cell).mean(axis=-1)
         for comb in row.combs_hz:
             if row.share == 1.0 and comb > 2.0 * cell:
-                beside = row.power(np.abs(f[..., None] + BESIDE * comb))
+                at = np.abs(f[..., None] + BESIDE * comb)
+                others = np.abs(at - f[..., None]) > comb  # mirrored at zero it may be the line
+                beside = np.where(others, row.power(at), 0.0)
                 level = np.maximum(level, 2.0 * beside.max(axis=-1))
         ratio = row.power(f) / np.maximum(level, 1e-300)
         score += row.share * INDEPENDENT * np.log1p(ratio / INDEPENDENT)
