@@ -7,6 +7,7 @@ their physics says, not taken from the program's stages.
 from __future__ import annotations
 
 import numpy as np
+from scipy.signal import lfilter
 
 from piezo_rig.run_file import Sweep
 
@@ -42,12 +43,10 @@ def actuator(seed=0):
 
 
 def relaxation(x, tau, rate=RATE):
+    """Towards the mean of every two samples, from zero at first."""
     decay = np.exp(-1.0 / rate / tau)
-    out = np.zeros(x.size)
-    for i in range(1, x.size):
-        mean = 0.5 * (x[i] + x[i - 1])
-        out[i] = mean + (out[i - 1] - mean) * decay
-    return out
+    mean = 0.5 * (x[1:] + x[:-1])
+    return np.append(0.0, lfilter([1.0 - decay], [1.0, -decay], mean))
 
 
 def noise(kind, n, rng):

@@ -28,7 +28,7 @@ def at_100_hz(name: str, folder: Path, samples: int | None = None) -> str:
 
 def test_from_one_sine_alone_no_lag_is_chosen_and_the_reason_is_said(tmp_path):
     out = tmp_path / "d.json"
-    assert main(["diagnose", at_100_hz(SINE, tmp_path), "--json", str(out)]) == 0
+    assert main(["diagnose", at_100_hz(SINE, tmp_path, 1000), "--json", str(out)]) == 0
     said = json.loads(out.read_text())
     assert not LAGS & {f["cause"] for f in said["findings"]}
     assert said["noise_floor_nm"] is None

@@ -45,6 +45,7 @@ def test_a_large_effect_is_named_alone_and_leaves_nothing(kind, seed, protocol):
             assert low - 0.25 * (high - low) < true < high + 0.25 * (high - low)
 
 
+@pytest.mark.study
 @pytest.mark.parametrize(
     ("kind", "seed", "protocol"),
     [("range-dependence", 1481, "holds"), ("sensor-clipping", 1480, "matrix")],

@@ -31,7 +31,9 @@ def lagging(tau):
     return lag
 
 
-@pytest.mark.parametrize("delay", [0.001, 0.002])
+@pytest.mark.parametrize(
+    "delay", [pytest.param(0.001, marks=pytest.mark.study), 0.002]
+)
 def test_a_delay_of_milliseconds_is_a_delay_and_nothing_else(delay):
     sweeps = recordings(lambda x, drive, t: np.interp(t - delay, t, x), conditions=SEVERAL_RANGES)
     found = diagnose(sweeps)

@@ -26,6 +26,7 @@ def test_a_fit_that_the_data_hardly_allow_counts_little():
     assert (low, high) == pytest.approx((-1.96, 1.97), abs=0.02)
 
 
+@pytest.mark.study
 def test_a_law_that_may_hold_far_or_near_has_a_constant_part_that_is_as_uncertain():
     case = draw("extremum-dependence", 900, "matrix", "white", d_prime=40.0)
     true = case.truth.parameters["extremum-dependence"]
@@ -37,6 +38,7 @@ def test_a_law_that_may_hold_far_or_near_has_a_constant_part_that_is_as_uncertai
         assert low < true[name] < high
 
 
+@pytest.mark.study
 def test_a_spring_that_is_several_times_as_hard_after_a_large_range_is_no_initiation_stage():
     # the case that asked for it: from a small slope no descent leads to this one
     case = draw("range-dependence", 1301, "rates", "ar", 40.0)
