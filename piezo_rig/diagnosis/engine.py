@@ -18,6 +18,7 @@ from piezo_rig.diagnosis.whitening import CellWhitener
 
 FloatArray = NDArray[np.float64]
 ROUNDS = 3
+ROUNDING = 1e-12  # of their size: columns that vary less are constant
 EXACT = 1e-5
 
 
@@ -150,17 +151,17 @@ def generous_spectrum(space: Space, point: Point, rng: np.random.Generator) -> S
         )
         columns = np.concatenate([moving[:-1], space.groups.thinned(group, fixed)])
         for a, b in space.groups.edges(group):
-            cut = columns[:, a:b]
-            blocks.append((cut - cut.mean(axis=1, keepdims=True), moving[-1, a:b]))
+            blocks.append((_centred(columns[:, a:b]), moving[-1, a:b]))
     gram = sum(x @ x.T for x, _ in blocks)
     assert not isinstance(gram, int)
     size = np.sqrt(np.maximum(np.diag(gram), 1e-300))
     gram = gram / np.outer(size, size) + 1e-7 * np.eye(size.size)
 
     def left(targets: list[FloatArray]) -> list[FloatArray]:
+        targets = [t - t.mean() for t in targets]
         right = sum(x @ t for (x, _), t in zip(blocks, targets, strict=True)) / size
         beta = np.linalg.solve(gram, right) / size
-        return [t - t.mean() - x.T @ beta for (x, _), t in zip(blocks, targets, strict=True)]
+        return [t - x.T @ beta for (x, _), t in zip(blocks, targets, strict=True)]
 
     residual = left([y for _, y in blocks])
     least = least_noise(space.groups)
@@ -176,6 +177,14 @@ def generous_spectrum(space: Space, point: Point, rng: np.random.Generator) -> S
             measured.frequency, measured.log_power + change, measured.error * np.sqrt(2.0)
         )
     return current
+
+
+def _centred(columns: FloatArray) -> FloatArray:
+    """Columns (k, n) less their means; of what does not change, nothing but rounding is left."""
+    out = columns - columns.mean(axis=1, keepdims=True)
+    still = np.ptp(columns, axis=1) <= ROUNDING * np.max(np.abs(columns), axis=1)
+    out[still] = 0.0
+    return np.asarray(out)
 
 
 def space_of(groups: Groups, whitener: CellWhitener, model: Model) -> tuple[Space, str]:

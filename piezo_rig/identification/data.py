@@ -32,7 +32,7 @@ _BEFORE = re.compile(
     r"(?P<whose>.*): history unknown, (?P<first>\d+) of (?P<of>\d+) samples (?P<what>before .*)"
 )
 FloatArray = NDArray[np.float64]
-COVERED = 0.25  # of the drive's range must be covered with a known memory
+COVERED, LASTS = 0.25, 0.5  # of the drive's range, or of its samples, with a known memory
 EXTREME = 0.005  # of the range: this near counts as having visited an extreme
 
 
@@ -236,7 +236,8 @@ def _track(
                 blocks.append((low, high))
                 unit.append(k)
     covered = max((float(np.ptp(drive[a:b])) for a, b in blocks), default=0.0)
-    if covered < COVERED * float(np.ptp(drive)):
+    lasts = sum(b - a for a, b in blocks)
+    if covered < COVERED * float(np.ptp(drive)) and lasts < LASTS * drive.size:
         left_out.append(f"{label(sweeps[0])}: too few half loops")
         return None
     return Track(

@@ -16,7 +16,7 @@ import pytest
 import scipy.signal
 
 sys.path.insert(0, str(Path(__file__).parent))
-from small_bench import RATE, recordings, relaxation
+from small_bench import CONDITIONS, RATE, recordings, relaxation
 from spaces import begun, with_member
 
 from piezo_rig.diagnosis import diagnose
@@ -194,7 +194,7 @@ def test_with_a_hum_the_first_ladder_only_goes_up(monkeypatch):
 
     known = whole.climbed
     monkeypatch.setattr(whole, "climbed", climbed)
-    found = diagnose(recordings(creeps, sensor=hums))
+    found = diagnose(recordings(creeps, sensor=hums, conditions=CONDITIONS[1:]))
     assert seen == [True, False]
     assert {f.cause for f in found.findings} == {"mains-hum", "creep"}
     assert not found.unexplained.detected
@@ -237,6 +237,6 @@ def test_a_last_descent_that_predicts_worse_is_not_taken(monkeypatch):
         return x + sum(5e-3 * (relaxation(x, tau) - x[0]) for tau in np.geomspace(0.01, 100, 9))
 
     monkeypatch.setattr("piezo_rig.diagnosis.climbed.converged", astray)
-    found = diagnose(recordings(creeps))
+    found = diagnose(recordings(creeps, conditions=CONDITIONS[1:]))
     assert [f.cause for f in found.findings] == ["creep"]
     assert found.rungs[-1].rms_nm < 1.05 * 2.0

@@ -20,6 +20,7 @@ BACK = 0.35  # of its height that a spike may leave behind
 NEAR = 41  # samples whose scatter a spike must stand out of
 OF_TURNS = 2e-3  # chance of so many spikes at turning points, below which they are no accidents
 LONGEST = 5  # samples; what lasts longer is no spike
+MANY, LEAP = 400, 0.5  # samples at one speed; of what a model moves, where there are fewer
 MOST = 0.02  # of all samples
 BY_CHANCE = 0.1  # of the spikes may be noise
 SMALLEST = 1e-5  # of the travel
@@ -92,8 +93,9 @@ def _found(groups: Groups, model: Model, far: float) -> Spikes:
     cleaned, spikes, seconds, samples = [], list[Spike](), 0.0, 0
     for g, group in enumerate(groups.groups):
         predicted = group.predicted(model)
+        speed = _speed(predicted) if group.repeats == 1 else None
         marks = np.array([
-            _marks(row - predicted, groups.travel_um, far) for row in group.measured_um
+            _marks(row - predicted, groups.travel_um, far, speed) for row in group.measured_um
         ])
         if group.repeats > 1:  # what every repeat shows at the same place is no accident
             marks &= np.array([_alone(group.measured_um, k, far) for k in range(group.repeats)])
@@ -120,14 +122,44 @@ def _off(values: FloatArray) -> FloatArray:
     return values - ndimage.median_filter(values, 2 * LONGEST + 1, mode="nearest")
 
 
-def _marks(residual: FloatArray, travel_um: float, far: float) -> NDArray[np.bool_]:
+def _speed(predicted: FloatArray) -> FloatArray:
+    """The largest change from one sample to the next near each sample, shape (n,)."""
+    change = np.abs(np.diff(predicted, prepend=predicted[:1]))
+    return np.asarray(ndimage.maximum_filter1d(change, 2 * LONGEST + 1, mode="nearest"))
+
+
+def _at_speed(off: FloatArray, speed: FloatArray, far: float) -> FloatArray:
+    """Standard deviations (n,) of what a model does badly at about a sample's speed.
+
+    Where the drive leaps, a model that is wrong by a share is wrong at once, for some samples.
+    """
+    out = np.zeros_like(off)
+    octave = np.floor(np.log2(np.maximum(speed, 1e-12)))
+    for which in np.unique(octave):
+        here = octave == which
+        few = off[here]
+        if few.size < MANY:
+            out[here] = LEAP * speed[here] / far
+        else:
+            spread = (np.percentile(few, 99) - np.percentile(few, 1)) / 4.65
+            out[here] = max(1.4826 * float(np.median(np.abs(few))), float(spread))
+    return out
+
+
+def _marks(
+    residual: FloatArray, travel_um: float, far: float, speed: FloatArray | None
+) -> NDArray[np.bool_]:
+    """``speed`` : of the prediction, where there is nothing else to tell a model's errors by"""
     off = _off(residual)
     sigma = 1.4826 * float(np.median(np.abs(off)))
     # heavy tails and slow noise must not pass for spikes
     spread = (np.percentile(off, 99) - np.percentile(off, 1)) / 4.65
     # nor must a stretch that the model does badly, where each step of the drive shows
     local = 1.4826 * ndimage.median_filter(np.abs(off), NEAR, mode="nearest")
-    mark = np.abs(off) > far * np.maximum(local, max(sigma, float(spread), SMALLEST * travel_um))
+    least = np.maximum(local, max(sigma, float(spread), SMALLEST * travel_um))
+    if speed is not None:
+        least = np.maximum(least, _at_speed(off, speed, far))
+    mark = np.abs(off) > far * least
     mark[:2] = mark[-2:] = False
     edges = np.flatnonzero(np.diff(np.concatenate([[0], mark.astype(np.int8), [0]])))
     for a, b in zip(edges[::2], edges[1::2], strict=True):
