@@ -21,6 +21,7 @@ from piezo_rig.diagnosis.held import own_um_of
 from piezo_rig.diagnosis.held_out import (
     Errors,
     carried_over_nm,
+    extrapolates,
     gain,
     held_out_errors,
     reported_kind,
@@ -126,7 +127,8 @@ def _climbed(
         space.own_um = own_um_of(start.model)
     first = refit(space, start)
     floor = noise_floor_nm(clean)
-    out = Climbed(space, folds, reported_kind(clean, folds), floor, repeated, first)
+    kind = "none" if folds == "cycles" and extrapolates(space) else reported_kind(clean, folds)
+    out = Climbed(space, folds, kind, floor, repeated, first)
     out.reading = reading
     if reading is not None:
         tell("what the drive monitor says")
@@ -153,7 +155,7 @@ def _climbed(
     gates = [(reported, STRICT if close else WORSE)]
     if out.kind == "condition":  # the one of the largest range says more than all others together
         gates = [(typical, WORSE), (reported, AWAY)]
-    elif out.kind != folds:
+    elif out.kind not in (folds, "none"):
         gates.append((carries_over, AWAY))
     out.ladder = climb(
         space, first, rng, tell, gates, floor or space.sample_noise_nm, others, helps,

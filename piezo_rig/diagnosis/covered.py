@@ -39,3 +39,15 @@ def covered(group: Group, begin: int) -> list[tuple[int, int]]:
     if sum(b - a for a, b in kept) < LEAST * (n - begin):
         return [(begin, n)]
     return kept
+
+
+def grows(group: Group, begin: int) -> bool:
+    """Whether from a sample on a drive goes further than before, and does hardly anything else."""
+    known = within(group.loops, group.blocks)
+    later = known & (group.loops.start >= begin)
+    limit = 1.0 + SLACK
+    further = [
+        np.max(reach[later], initial=0.0) > limit * np.max(reach[known & ~later], initial=0.0)
+        for reach in reaches_of(group.drive_v, group.loops)
+    ]
+    return any(further) and covered(group, begin) == [(begin, group.drive_v.size)]

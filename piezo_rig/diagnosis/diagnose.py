@@ -34,7 +34,7 @@ from piezo_rig.diagnosis.follow_up import follow_up
 from piezo_rig.diagnosis.found import Diagnosis, Finding, Rung
 from piezo_rig.diagnosis.given import against_lacking
 from piezo_rig.diagnosis.groups import Groups, group_tracks
-from piezo_rig.diagnosis.held_out import Errors, gain, held_out_errors, refold
+from piezo_rig.diagnosis.held_out import Errors, extrapolates, gain, held_out_errors, refold
 from piezo_rig.diagnosis.isolability import Workings
 from piezo_rig.diagnosis.memory import give_back
 from piezo_rig.diagnosis.reaches import Intervals
@@ -206,8 +206,10 @@ def _diagnosed(
             told_apart.d_prime,
         ))  # fmt: skip
     if kind == "none":
-        notes.append("too few cycles to hold anything out: figures are of the fit itself, gains "
-                     "are not given")  # fmt: skip
+        why = "too few cycles to hold anything out"
+        if extrapolates(space):
+            why = "the last cycles go further than all before them: nothing can be held out"
+        notes.append(f"{why}; figures are of the fit itself, gains are not given")
     tell("the rest")
     rest = with_line(
         unexplained(space, last, floor or rungs[-1].rms_nm, _by_laws_nm(rungs), rng,

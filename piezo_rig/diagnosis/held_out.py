@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from piezo_rig.diagnosis.chances import normal_half_width, student_half_width
-from piezo_rig.diagnosis.covered import SHORT, covered
+from piezo_rig.diagnosis.covered import SHORT, covered, grows
 from piezo_rig.diagnosis.fit import Point
 from piezo_rig.diagnosis.groups import Group, Groups
 from piezo_rig.diagnosis.refit import Fitted, element_step, parameter_step, settle
@@ -60,6 +60,12 @@ class Errors:
 def reported_kind(groups: Groups, kind: str) -> str:
     """Recordings are left out where there are several of every drive, else what `engine` says."""
     return REPEATS if all(g.repeats > 1 for g in groups.groups) else kind
+
+
+def extrapolates(space: Space) -> bool:
+    """Whether the cycles that are held out go further than those that are not."""
+    begin = min((p.first for p in space.pieces if p.fold == 1), default=0)
+    return begin > 0 and any(grows(g, begin) for g in space.groups.groups)
 
 
 def carried_over_nm(space: Space, fitted: Fitted, kind: str) -> float:

@@ -223,10 +223,12 @@ def _track(
         known = [(0, drive.size)]
     else:
         known = _known(drive, loops, band)
-        first = known[0][0] if known else drive.size
+        unused = drive.size - sum(b - a for a, b in known)
+        why = "before the drive had visited both its extremes"
+        if len(known) > 1:
+            why = "before or while the drive went where it had not been"
         left_out.append(
-            f"{label(sweeps[0])}: history unknown, {first} of {drive.size} samples before the "
-            "drive had visited both its extremes"
+            f"{label(sweeps[0])}: history unknown, {unused} of {drive.size} samples {why}"
         )
     blocks, unit = [], []
     for a, b in known:

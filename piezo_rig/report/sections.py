@@ -256,7 +256,7 @@ def notes_html(found: Diagnosis) -> str:
 def provenance_html(found: Diagnosis, hashes: Mapping[str, str]) -> str:
     """Where the numbers come from."""
     held = {
-        "none": "nothing (too few cycles)", "cycles": "the last third of the cycles",
+        "none": "nothing (see notes)", "cycles": "the last third of the cycles",
         "sweep": "one sweep after the other", "condition": "one condition after the other",
     }  # fmt: skip
     rows = [

@@ -120,7 +120,7 @@ def verdict(d: Diagnosis) -> list[str]:
     first, last = d.rungs[0], d.rungs[-1]
     repeats = f", each condition up to {d.repeats} times" if d.repeats > 1 else ""
     one = d.sweeps == 1
-    held = "in the fit itself (too few cycles to hold any out)" if d.held_out == "none" else (
+    held = "in the fit itself (nothing could be held out)" if d.held_out == "none" else (
         "on data it had not been fitted to"
     )  # fmt: skip
     out = [

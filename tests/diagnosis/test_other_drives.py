@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
-from small_bench import RATE, drive_of
+from small_bench import RATE, drive_of, relaxation
 
 from piezo_rig.diagnosis import diagnose
 from piezo_rig.diagnosis.covered import covered
+from piezo_rig.diagnosis.early.spikes import find_spikes
 from piezo_rig.diagnosis.groups import group_tracks
 from piezo_rig.identification import identify, prepare
 from piezo_rig.run_file.sweep import Sweep
@@ -115,3 +118,77 @@ def test_a_friction_damper_is_what_the_model_says():
     found = diagnose([alone(drive, force + 0.02 * rng.standard_normal(time.size), 500.0)])
     assert found.findings == []
     assert found.rungs[0].max_percent < 2.0
+
+
+def growing(seed, effect=None):
+    """Triangles of 2 Hz that grow from 5 to 75 V in one recording, from rest."""
+    drive = np.concatenate([drive_of(0.0, float(high), cycles=1)[:-1] for high in range(5, 80, 5)])
+    rng = np.random.default_rng(seed)
+    y = 0.1 * drive + plays(drive, np.sort(rng.uniform(0.2, 36.0, 60)), np.full(60, 2e-3))
+    if effect is not None:
+        y = effect(y)
+    return alone(drive, y + 2e-3 * rng.standard_normal(drive.size), RATE).with_(history="virgin")
+
+
+def test_where_the_drive_only_grows_nothing_is_held_out_and_nothing_is_extrapolated():
+    found = diagnose([growing(1)])
+    assert found.findings == []
+    assert not found.unexplained.detected
+    assert found.held_out == "none"
+    assert any("go further than all before" in note for note in found.notes)
+    assert found.rungs[0].rms_nm == pytest.approx(2.0, rel=0.1)
+
+
+def test_creep_is_found_where_the_drive_only_grows():
+    def creeps(y):
+        return y + sum(2.5e-3 * (relaxation(y, tau) - y) for tau in np.geomspace(0.01, 100.0, 9))
+
+    found = diagnose([growing(1, lambda y: y + creeps(y))])
+    assert [f.cause for f in found.findings] == ["creep"]
+    assert found.findings[0].gain_percent is None
+    assert found.rungs[-1].rms_nm == pytest.approx(2.0, rel=0.1)
+
+
+@pytest.mark.parametrize(("hz", "seen"), [(23.3, True), (None, False)])
+def test_a_tone_that_stands_alone_is_unexplained_without_repeats(hz, seen):
+    def sensor(x, t):
+        return x if hz is None else x + 6e-3 * np.sin(2.0 * np.pi * hz * t)
+
+    rest = diagnose([walk(3, 10, sensor=sensor)]).unexplained
+    assert rest.detected is seen
+    assert ("frequency" in rest.depends_on) is seen
+    if seen:
+        assert rest.rms_nm == pytest.approx(6.0 / np.sqrt(2.0), rel=0.25)
+        (told,) = re.findall(r"line at ([\d.]+) Hz", rest.text)
+        assert float(told) == pytest.approx(hz, abs=0.15)
+
+
+def test_a_small_part_of_the_range_is_enough_where_it_is_most_of_the_recording():
+    """From one end to the other in a tenth of a second, then loops within a sixth of that."""
+    rng = np.random.default_rng(2)
+    turns = np.concatenate([[70.0, 0.0], 6.0 + np.cumsum(rng.uniform(-4.0, 4.0, 40)) * 0.3])
+    at = np.concatenate([[0.0, 0.1], 0.2 + 0.1 * np.arange(40)])
+    drive = np.interp(np.arange(4000) / 1e3, at, turns)
+    y = 0.1 * drive + plays(drive, np.linspace(0.5, 20.0, 20), np.full(20, 0.01))
+    sweep = alone(drive, y + 2e-3 * rng.standard_normal(drive.size), 1e3)
+    assert identify([sweep], "classical").fitted.rms_nm == pytest.approx(2.0, rel=0.1)
+
+
+def test_where_the_drive_leaps_an_error_of_the_model_is_no_spike():
+    """Slow loops with five leaps of 8 V a sample, seen half a millisecond late."""
+    rng = np.random.default_rng(4)
+    drive = np.tile([10.0, 50.0], 3)
+    at = np.array([0.0, 1.0, 1.005, 2.0, 2.005, 3.0])
+    drive = np.interp(np.arange(4000) / 1e3, at, drive)
+    drive = drive + 5.0 * np.sin(2.0 * np.pi * 3.0 * np.arange(4000) / 1e3)
+    y = 0.1 * drive + plays(drive, np.linspace(0.5, 20.0, 20), np.full(20, 0.01))
+    late = np.interp(np.arange(4000) - 0.5, np.arange(4000), y)
+    sweep = alone(drive, late + 2e-3 * rng.standard_normal(4000), 1e3).with_(history="virgin")
+    (group,) = (groups := group_tracks(prepare([sweep]), [sweep])).groups
+    model = identify([sweep], "classical").model
+    assert find_spikes(groups, model).spikes == ()
+    hit = sweep.sensor_v.copy()
+    hit[[600, 2500]] += 0.06
+    (group,) = (groups := group_tracks(prepare([sweep]), [sweep])).groups
+    spoilt = groups.with_([group.with_measured(group.measured_um + (hit - sweep.sensor_v))])
+    assert [s.index for s in find_spikes(spoilt, model).spikes] == [600, 2500]

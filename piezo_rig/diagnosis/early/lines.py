@@ -9,12 +9,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from piezo_rig.chain import Model
 from piezo_rig.diagnosis.chances import chi2_above
-from piezo_rig.diagnosis.early.hum import AROUND, INDEPENDENT, rows_of
+from piezo_rig.diagnosis.early.hum import AROUND, INDEPENDENT, Row, rows_of
 from piezo_rig.diagnosis.groups import Groups
 
+FloatArray = NDArray[np.float64]
+BESIDE, FAR = 4.0, 8.0  # cells of a line's own width; of the power of what is next
 CELLS = 18.0  # resolution cells: slower than that a line is drift or creep
 
 
@@ -30,11 +33,13 @@ class Line:
 def find_line(groups: Groups, model: Model) -> Line | None:
     """The most unlikely line between the slow end and nine tenths of Nyquist.
 
-    Only with repeats: against a model, every harmonic of the drive would be one.
+    With repeats in what they disagree by. Against a model every harmonic of the drive is one, so
+    there it must stand alone, and far above the second strongest.
     """
-    if any(g.repeats < 2 for g in groups.groups):
-        return None
+    lone = any(g.repeats < 2 for g in groups.groups)
     rows = rows_of(groups, model)
+    if not rows or (lone and groups.repeats > 1):  # of some drives only
+        return None
     longest = max(float(r.time_s[-1] - r.time_s[0]) for r in rows)
     low, high = CELLS / longest, 0.45 * groups.rate
     if low >= 0.5 * high:
@@ -58,7 +63,29 @@ def find_line(groups: Groups, model: Model) -> Line | None:
     told = heard > 0
     chance[told] = chi2_above(2.0 * score[told], 2.0 * share[told])
     k = int(np.argmin(chance))
-    if not told[k]:
+    if not told[k] or (lone and not _alone(rows, groups, float(f[k]), f[told])):
         return None
     rms = float(np.sqrt(0.5 * power[k] / heard[k]))
-    return Line(float(f[k]), 1e3 * rms, min(float(chance[k]) * f.size, 1.0))
+    return Line(_summit(rows, float(f[k])), 1e3 * rms, min(float(chance[k]) * f.size, 1.0))
+
+
+def _summit(rows: list[Row], near_hz: float) -> float:
+    """Where a line is strongest in the longest recording, Hz."""
+    row = max(rows, key=lambda r: r.values.size)
+    cell = 1.0 / float(row.time_s[-1] - row.time_s[0])
+    f = near_hz + np.linspace(-1.0, 1.0, 41) * cell
+    return float(f[int(np.argmax(row.power(f)))])
+
+
+def _alone(rows: list[Row], groups: Groups, line_hz: float, f: FloatArray) -> bool:
+    """Whether one frequency stands out of all others by far, and not in the drive."""
+    row = max(rows, key=lambda r: r.values.size)
+    cell = 1.0 / float(row.time_s[-1] - row.time_s[0])
+    power = row.power(f)
+    beside = np.abs(f - line_hz) > BESIDE * cell
+    if not beside.any() or row.power(line_hz) < FAR * float(power[beside].max()):
+        return False
+    group = max(groups.groups, key=lambda g: g.drive_v.size)
+    played = Row(group.time_s, group.drive_v, 1.0, ())
+    around = float(np.mean(played.power(line_hz + AROUND * cell)))
+    return bool(played.power(line_hz) < FAR * around)
