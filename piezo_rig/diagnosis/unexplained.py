@@ -25,6 +25,9 @@ LINES = 0.2  # of the false alarms that a line may take, and a gain
 SEEN = 0.1  # of the noise floor: an unsteady gain that is worth a word
 OF_LAWS = 0.03  # of what accepted causes explain, up to the noise: no law is known better
 SHARE = 0.2  # of the structured power that a tag must carry to be named
+# of the noise, that structure must exceed: where it was measured between repeats, and where it was
+# estimated from what is left, so that slow noise and slow structure are told apart by assumption
+LEAST, LEAST_ALONE = 0.02, 0.1
 BEYOND = 0.7  # of the noise floor, by which what repeats share may be missed
 LUMPS = 1.5e-4  # of the travel: what elements that are lumps leave of a smooth actuator
 
@@ -71,8 +74,9 @@ def unexplained(
     mismatch = 1e3 * float(np.sqrt(max(float(fine @ fine_gram @ fine), 0.0) / samples))
     known, of_laws = _known_nm(space, noise_nm), min(OF_LAWS * explained_nm, noise_nm)
     travel_nm = 1e3 * space.groups.travel_um
+    least = LEAST if all(g.repeats > 1 for g in space.groups.groups) else LEAST_ALONE
     allowance = float(np.linalg.norm(
-        [max(mismatch, 0.02 * noise_nm, known), 3e-6 * travel_nm, of_laws]
+        [max(mismatch, least * noise_nm, known), 3e-6 * travel_nm, of_laws]
     ))  # fmt: skip
     missed = float(np.linalg.norm([BEYOND * noise_nm, LUMPS * travel_nm, known, of_laws]))
     shared = _shared_nm(space, noise_nm, held_out_nm)
