@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from piezo_rig.diagnosis.chances import normal_half_width, student_half_width
 from piezo_rig.diagnosis.covered import SHORT, covered, grows
 from piezo_rig.diagnosis.fit import Point
-from piezo_rig.diagnosis.groups import Group, Groups
+from piezo_rig.diagnosis.groups import Groups
 from piezo_rig.diagnosis.refit import Fitted, element_step, parameter_step, settle
 from piezo_rig.diagnosis.space import Space
 from piezo_rig.errors import InputError
@@ -143,13 +143,14 @@ def held_out_errors(
             begin = 0
             if kind == "cycles":
                 begin = min(pieces[i].first for i in held)
+            kept = covered(group, begin) if begin else []
             for r, row in enumerate(group.measured_um):
                 predicted = group.predicted_of(played, [r])
                 for a, b in group.blocks:
                     if b - max(a, begin) < SHORT:
                         continue
                     error = row[a:b] - predicted[a:b]
-                    cut = _scored(error - error.mean(), a, group, begin)
+                    cut = _scored(error - error.mean(), a, kept, begin)
                     for c, part in enumerate(np.array_split(cut, CHUNKS if few else 1)):
                         at = squares.setdefault((g, r, c), [0.0, 0.0])
                         at[0] += float(part @ part)
@@ -167,16 +168,18 @@ def held_out_errors(
     )
 
 
-def _scored(error: FloatArray, first: int, group: Group, begin: int) -> FloatArray:
+def _scored(
+    error: FloatArray, first: int, kept: Sequence[tuple[int, int]], begin: int
+) -> FloatArray:
     """Of the errors of a block, which begins at sample ``first``, those that are scored.
 
-    All, or of its last cycles those that go no further than its first ones. After an excursion
-    beyond them the offset is free again.
+    All, or of those from ``begin`` on the stretches that are ``kept``: they go no further than
+    what came before. After an excursion the offset is free again.
     """
     if begin == 0:
         return error
     parts, last = [], first + error.size
-    for a, b in covered(group, begin):
+    for a, b in kept:
         a, b = max(a, first), min(b, last)
         if b - a >= SHORT:
             parts.append(error[a - first : b - first])

@@ -11,6 +11,7 @@ from small_bench import RATE, drive_of, relaxation
 from piezo_rig.diagnosis import diagnose
 from piezo_rig.diagnosis.covered import covered
 from piezo_rig.diagnosis.early.spikes import find_spikes
+from piezo_rig.diagnosis.engine import _centred
 from piezo_rig.diagnosis.groups import group_tracks
 from piezo_rig.identification import identify, prepare
 from piezo_rig.run_file.sweep import Sweep
@@ -175,7 +176,7 @@ def test_a_small_part_of_the_range_is_enough_where_it_is_most_of_the_recording()
 
 
 def test_where_the_drive_leaps_an_error_of_the_model_is_no_spike():
-    """Slow loops with five leaps of 8 V a sample, seen half a millisecond late."""
+    """Slow loops with two leaps of 8 V a sample, seen half a millisecond late."""
     rng = np.random.default_rng(4)
     drive = np.tile([10.0, 50.0], 3)
     at = np.array([0.0, 1.0, 1.005, 2.0, 2.005, 3.0])
@@ -184,11 +185,20 @@ def test_where_the_drive_leaps_an_error_of_the_model_is_no_spike():
     y = 0.1 * drive + plays(drive, np.linspace(0.5, 20.0, 20), np.full(20, 0.01))
     late = np.interp(np.arange(4000) - 0.5, np.arange(4000), y)
     sweep = alone(drive, late + 2e-3 * rng.standard_normal(4000), 1e3).with_(history="virgin")
-    (group,) = (groups := group_tracks(prepare([sweep]), [sweep])).groups
+    groups = group_tracks(prepare([sweep]), [sweep])
+    (group,) = groups.groups
     model = identify([sweep], "classical").model
     assert find_spikes(groups, model).spikes == ()
     hit = sweep.sensor_v.copy()
     hit[[600, 2500]] += 0.06
-    (group,) = (groups := group_tracks(prepare([sweep]), [sweep])).groups
     spoilt = groups.with_([group.with_measured(group.measured_um + (hit - sweep.sensor_v))])
     assert [s.index for s in find_spikes(spoilt, model).spikes] == [600, 2500]
+
+
+def test_a_column_that_does_not_change_is_none_whatever_rounding_makes_of_its_mean():
+    # less its mean, a constant of 0.1 is some 1e-17 of one sign: it met the target's own mean
+    same, other = np.full(4000, 0.1), np.linspace(0.0, 1.0, 4000)
+    assert np.any(same - same.mean())
+    left = _centred(np.array([same, other]))
+    assert not left[0].any()
+    assert left[1] == pytest.approx(other - 0.5)
