@@ -102,11 +102,30 @@ class Corners:
 
     def explained(self, seen: Sequence[FloatArray]) -> tuple[float, float]:
         """Squared misfit in units of the noise, and the gain of the monitor."""
-        q, y = self._known
+        return self.fits(self.bare(seen))
+
+    def bare(self, seen: Sequence[FloatArray]) -> FloatArray:
+        """Windows whitened, without what the nuisances explain."""
+        q, _ = self._known
         x = self._white(seen)
-        x = x - q @ (q.T @ x)
+        return np.asarray(x - q @ (q.T @ x))
+
+    def fits(self, x: FloatArray) -> tuple[float, float]:
+        """`explained` of windows that are bare."""
+        _, y = self._known
         gain = float(x @ y / max(float(x @ x), 1e-300))
         return float(y @ y - gain * (x @ y)), gain
+
+    def between(self, x: FloatArray, other: FloatArray) -> tuple[float, float]:
+        """Least misfit on the straight line from one (0) to another (1) of two, and where."""
+        _, y = self._known
+        step = other - x
+        along, more = float(x @ y), float(step @ y)
+        own, both, steps = float(x @ x), float(x @ step), float(step @ step)
+        at = more * both - along * steps  # of the cosine's only summit
+        share = (along * both - more * own) / at if at != 0.0 else 0.0
+        share = float(np.clip(share, 0.0, 1.0))
+        return min((self.fits(x + s * step)[0], s) for s in {0.0, share, 1.0})
 
     def left(self, seen: Sequence[FloatArray]) -> list[FloatArray]:
         """What is left of every window, volts."""

@@ -142,25 +142,38 @@ class _Reader:
 
     def guess(self, laws: dict[str, float], held: bool = False, near_s: float = 0.0) -> _Guess:
         """The delay that fits best with these laws."""
-        at, step = self.at(laws, held), self.corners.step_s
+        at, step, c = self.at(laws, held), self.corners.step_s, self.corners
+        straight = not held and LAG not in laws
+        known: dict[float, tuple[float, FloatArray]] = {}
 
-        def misfit(samples: float) -> float:
-            return self.corners.explained(self.corners.seen(at, samples * step))[0]
+        def bare(samples: float) -> FloatArray:
+            return c.bare(c.seen(at, samples * step))
 
-        known = {x: misfit(x) for x in near_s / step + np.array([-1.0, 0.0, 1.0])}
-        while True:  # downhill in whole samples, then between them
-            best = min(known, key=lambda x: known[x])
-            beside = [x for x in (best - 1.0, best + 1.0) if x not in known]
-            if not beside or abs(best) > 40 * LATE:
+        def look(samples: float) -> None:
+            if samples not in known:
+                x = bare(samples)
+                known[samples] = c.fits(x)[0], x
+
+        best = float(np.round(near_s / step)) if straight else near_s / step
+        while abs(best) <= 40 * LATE:  # downhill in whole samples
+            for x in (best - 1.0, best, best + 1.0):
+                look(x)
+            lowest = min(known, key=lambda x: known[x][0])
+            if lowest == best:
                 break
-            known |= {x: misfit(x) for x in beside}
-        found = [(known[best], best)]
-        for a in (np.floor(best - 1e-9), np.floor(best + 1e-9)):
-            if found and len(found) > 1 and a == found[-1][1] // 1:
+            best = lowest
+        found = [(known[best][0], best)] if best in known else []
+        for a in {float(np.floor(best)), float(np.ceil(best)) - 1.0}:
+            if straight:  # between whole samples the drive moves in proportion to the delay
+                look(a)
+                look(a + 1.0)
+                misfit, share = c.between(known[a][1], known[a + 1.0][1])
+                found.append((misfit, a + share))
                 continue
             r = optimize.minimize_scalar(
-                misfit, bounds=(a, a + 1.0), method="bounded", options={"xatol": 1e-4}
-            )
+                lambda x: c.fits(bare(x))[0], bounds=(a, a + 1.0), method="bounded",
+                options={"xatol": 1e-4},
+            )  # fmt: skip
             found.append((float(r.fun), float(r.x)))
         value, x = min(found)
         return _Guess(laws, held, x * step, value)
