@@ -155,6 +155,10 @@ class Cause(Stage):
             return []
         return [[t.with_values(**{name: t[name] * f}) for t in trials] for f in factor**FINER]
 
+    def at_large(self) -> list[Stage]:
+        """Where else a very large one may begin: a linear look from none of it may mislead."""
+        return []
+
     @classmethod
     def begun(cls, trials: Sequence[Stage], shares: FloatArray) -> Stage:
         """A stage from the shares (k,) in which the examples were found."""

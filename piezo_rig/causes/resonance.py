@@ -29,6 +29,7 @@ DAMPING = 0.05
 MOST = 0.5  # damping: above it a mode hardly rings, and is a lag by another name
 FINER, DAMPINGS = 13, (0.01, 0.02, 0.05, 0.12)  # examples about the likeliest
 EXAMPLE = 0.01  # share
+AT_LARGE, DAMPED = np.geomspace(0.88, 1.14, 7), (0.01, 0.03, 0.1)  # about the likeliest frequency
 LITTLE = 0.2  # of the displacement: what the base model does may be taken to pass such a mode
 COARSE = 0.25  # of a period: samples that are further apart do not show what a mode makes of them
 
@@ -83,6 +84,17 @@ class Resonance(Cause):
         frequency, damping = self["frequency"], self["damping"]
         phase = 2.0 * np.pi * frequency * 0.5 * step_s
         return {"frequency": float(phase * damping * frequency / np.sqrt(3.0))}
+
+    def at_large(self) -> list[Stage]:
+        """The whole displacement through it.
+
+        What goes back and forth faster than it rings comes out with the other sign: where all of
+        a travel rides on the mode, a small share of one a little slower or faster looks better.
+        """
+        return [
+            self.with_values(share=1.0, frequency=self["frequency"] * f, damping=damping)
+            for f in AT_LARGE for damping in DAMPED
+        ]  # fmt: skip
 
     @classmethod
     def variants(cls, context: Context) -> list[list[Stage]]:

@@ -24,7 +24,7 @@ from piezo_rig.diagnosis.detours import detour, together
 from piezo_rig.diagnosis.fit import Point
 from piezo_rig.diagnosis.forms import (
     as_late,
-    begun_at_length,
+    begun_best,
     beside_kinks,
     converged,
     further,
@@ -365,9 +365,9 @@ class Search:
         try:
             settle(self.space, here.point)
             point = extended(self.space, here, candidate, columns, found.likelihood, form)
-            point = begun_at_length(self.space, point, candidate.id, form[0])
-            fitted = self.descended(point, here, found.likelihood.evidence(columns)
-                                    - found.likelihood.evidence())  # fmt: skip
+            promised = found.likelihood.evidence(columns) - found.likelihood.evidence()
+            point = begun_best(self.space, point, candidate.id, form[0], promised)
+            fitted = self.descended(point, here, promised)
             if fitted.evidence > here.evidence + LARGE:
                 fitted = further(self.space, fitted, candidate.id)
             fitted = beside_kinks(self.space, fitted, candidate.id)

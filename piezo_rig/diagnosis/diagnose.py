@@ -25,7 +25,15 @@ from piezo_rig.diagnosis.checks import (
 from piezo_rig.diagnosis.climb import BEND
 from piezo_rig.diagnosis.climbed import climbed
 from piezo_rig.diagnosis.confusion import confusion
-from piezo_rig.diagnosis.early import HUM, TRIED, clean_up, find_line, hum_again, read_monitor
+from piezo_rig.diagnosis.early import (
+    HUM,
+    TRIED,
+    clean_up,
+    find_line,
+    hum_again,
+    hum_behind,
+    read_monitor,
+)
 from piezo_rig.diagnosis.early.remembered import without_remembered
 from piezo_rig.diagnosis.engine import plain_space
 from piezo_rig.diagnosis.first_spring import offset_of, with_offset
@@ -117,6 +125,15 @@ def _diagnosed(
         warnings += reading.warnings
     hums = bool(found_early) and found_early[-1].cause == HUM
     search = climbed(clean, start.point, rng, tell, tried, reading, brief=hums)
+    late = None if hums or not search.ladder.steps else hum_behind(
+        clean, search.ladder.last.point.model, SHARE * LEVEL, count
+    )  # fmt: skip
+    if late is not None:
+        tell("hum")
+        found_early.append(late)
+        clean = late.groups
+        start = refit(plain_space(clean, start.point.model), start.point)
+        search = climbed(clean, start.point, rng, tell, tried, reading)
     if hums and search.ladder.steps:
         # hum was fitted to what the baseline left; most of that has an explanation now
         tell("hum once more")

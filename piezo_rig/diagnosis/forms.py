@@ -25,6 +25,7 @@ from piezo_rig.errors import InputError
 
 ONCE_MORE = 4
 BETTER = 3.0  # log-likelihood by which a refit from further out must be better
+VERY_LARGE = 1e4  # the same that promises an effect which may be nothing like a small one
 LARGE = 300.0  # the same above which a law was begun at the right size, and no law recovers from
 PLAIN = 20.0  # log-likelihood above which all forms of a law are refitted
 PARABOLAS, SETTLED = 6, 1.0  # at most so many, and the gain in log-likelihood that ends them
@@ -40,27 +41,31 @@ BEYOND = (4.0, 8.0, 16.0, 32.0)  # times the noise of a sample
 FADES = 4.0  # log-likelihood by which a law that fades out must be better
 
 
-def begun_at_length(space: Space, point: Point, id: str, example: Stage) -> Point:
-    """Where to begin with a cause that may last far longer than its smallest example.
+def begun_best(space: Space, point: Point, id: str, example: Stage, promised: float) -> Point:
+    """Where to begin with a cause of which there may be far more than in its small example.
 
-    At what the linear look made of it, or at about the length of the example that fitted best,
-    whichever one step from there leads to the better place.
+    At what the linear look made of it, at about the length of the example that fitted best, or
+    where very large ones are: whichever one step from there leads to the best place.
     """
     stage = point.model.stage(id)
-    if not isinstance(stage, Cause) or not stage.lasting:
+    if not isinstance(stage, Cause):
         return point
-    if example[stage.lasting] < WITHIN / space.groups.rate:  # there all is linear
+    starts: list[Stage] = [stage]
+    if stage.lasting and example[stage.lasting] >= WITHIN / space.groups.rate:  # else it is linear
+        length = float(np.copysign(example[stage.lasting], stage[stage.lasting]))
+        low, high = stage.limits[stage.lasting]
+        starts += [
+            stage.with_values(**{stage.lasting: seconds})
+            for seconds in (length / WIDE, length, length * WIDE) if low < seconds < high
+        ]  # fmt: skip
+    if promised > VERY_LARGE:
+        starts += stage.at_large()
+    if len(starts) == 1:
         return point
-    length = float(np.copysign(example[stage.lasting], stage[stage.lasting]))
-    low, high = stage.limits[stage.lasting]
-    starts = [point]
-    for seconds in (length / WIDE, length, length * WIDE):
-        if low < seconds < high:
-            there = point.model.with_stage(stage.with_values(**{stage.lasting: seconds}))
-            starts.append(replace(point, model=there))
-    steps = [partial(_one_step, space, start) for start in starts]
+    points = [replace(point, model=point.model.with_stage(s)) for s in starts]
+    steps = [partial(_one_step, space, p) for p in points]
     fits = abreast(space, steps, [point, point.model, *point.model.stages])
-    return starts[int(np.argmax(fits))]
+    return points[int(np.argmax(fits))]
 
 
 def _one_step(space: Space, point: Point) -> float:

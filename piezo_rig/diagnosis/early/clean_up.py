@@ -14,7 +14,7 @@ import numpy as np
 
 from piezo_rig.chain import Model, Parameter
 from piezo_rig.diagnosis.early.breaks import Breaks, find_breaks
-from piezo_rig.diagnosis.early.hum import find_hum, removed
+from piezo_rig.diagnosis.early.hum import find_hum, hum_of_residual, removed
 from piezo_rig.diagnosis.early.mended import DROP, JUMP, Break, mended
 from piezo_rig.diagnosis.early.reported import events_of, reported
 from piezo_rig.diagnosis.early.spikes import find_spikes
@@ -125,6 +125,14 @@ def clean_up(
         parameters = dict(hum.stage().parameters)
         found.append(Early(HUM, hum.p_value * count, parameters, hum.groups))
     return found, point
+
+
+def hum_behind(clean: Groups, model: Model, level: float, count: int) -> Early | None:
+    """Hum that what the baseline leaves had hidden, beside a better model."""
+    hum = hum_of_residual(clean, model)
+    if hum is None or not hum.p_value * count < level:
+        return None
+    return Early(HUM, hum.p_value * count, dict(hum.stage().parameters), hum.groups)
 
 
 def hum_again(before: Groups, found: Early, model: Model) -> Early:

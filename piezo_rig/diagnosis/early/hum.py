@@ -2,7 +2,8 @@
 
 With repeats the lines are sought in what repeats disagree by: whatever is locked to the drive is
 the same in all of them, also where a 2 Hz drive has a harmonic at 50 Hz itself. Without repeats
-they are sought in the residual, against the drive's own neighbouring harmonics.
+they are sought in the residual, against the drive's own neighbouring harmonics; and so they are in
+the mean of repeats that all begin at one phase of the mains, if all drives have the same line.
 """
 
 from __future__ import annotations
@@ -32,6 +33,7 @@ NEAR_HZ, NEAR_CELLS = 0.06, 0.2  # about a frequency; of the resolution of the l
 FINE, PARTS = 60, 32  # steps to either side, parts of a recording
 FURTHER = 4  # times that the likeliest frequency is looked for further out
 LONG_S = 0.3  # a recording must last this long
+AGREE = 0.9  # of the lines of all drives, that is left of them when they are added up
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,6 +91,12 @@ class Row:
         step = (n - 1) / float(self.time_s[-1] - self.time_s[0]) / size
         return step, np.abs(line) ** 2
 
+    def line(self, f: float) -> complex:
+        """Amplitude and phase at a frequency, on its clock; um."""
+        turned = self.level * np.exp(-2j * np.pi * f * self.time_s)
+        window = np.sin(np.pi * (np.arange(turned.size) + 0.5) / turned.size) ** 2
+        return complex(2.0 * turned @ window / window.sum())
+
     def power(self, f: FloatArray | float) -> FloatArray:
         """Squared peak amplitude at the frequencies, um^2."""
         step, power = self._spectrum
@@ -97,7 +105,22 @@ class Row:
 
 def find_hum(groups: Groups, model: Model) -> Hum | None:
     """The most significant line of the two mains frequencies; None where nothing can be sought."""
-    rows = rows_of(groups, model)
+    found = [hum_of_residual(groups, model)]
+    if groups.repeats > 1:
+        found.insert(0, _strongest(groups, model, rows_of(groups, model)))
+    return min((h for h in found if h is not None), key=lambda h: h.p_value, default=None)
+
+
+def hum_of_residual(groups: Groups, model: Model) -> Hum | None:
+    """The same of what a model leaves, where repeats are alike or there are none."""
+    if groups.repeats == 1:
+        return _strongest(groups, model, rows_of(groups, model))
+    return _strongest(groups, model, means_of(groups, model), in_phase=True)
+
+
+def _strongest(
+    groups: Groups, model: Model, rows: list[Row], in_phase: bool = False
+) -> Hum | None:
     rows = [r for r in rows if r.time_s[-1] - r.time_s[0] > LONG_S]
     nyquist = 0.45 * groups.rate
     if not rows or nyquist < min(FUNDAMENTALS_HZ):
@@ -121,7 +144,18 @@ def find_hum(groups: Groups, model: Model) -> Hum | None:
     for k in (1, 3):
         power += np.where(k * fine < nyquist, _line(rows, k * fine)[0], 0.0)
     frequency, spread_hz = refined(rows, float(fine[int(np.argmax(power))]), nyquist)
+    if in_phase and not agreeing(rows, frequency):
+        return None
     return removed(groups, model, frequency, best[0], spread_hz)
+
+
+def agreeing(rows: list[Row], f: float) -> bool:
+    """Whether all drives have one line, of one size and one phase from their beginnings on.
+
+    What a drive brings about grows with its range, and comes with its neighbouring harmonics.
+    """
+    lines = np.array([row.line(f) for row in rows])
+    return float(abs(lines.mean())) > AGREE * float(np.sqrt(np.mean(np.abs(lines) ** 2)))
 
 
 def refined(rows: list[Row], near_hz: float, highest_hz: float) -> tuple[float, float]:
@@ -186,6 +220,14 @@ def rows_of(groups: Groups, model: Model) -> list[Row]:
             out += [Row(g.time_s[a:b] + start, (row - reference)[a:b], share, combs)
                     for a, b in g.blocks]  # fmt: skip
     return out
+
+
+def means_of(groups: Groups, model: Model) -> list[Row]:
+    """What every drive has in the mean of its repeats, from its own beginning on."""
+    return [
+        Row(g.time_s[a:b], (g.measured_um.mean(axis=0) - g.predicted(model))[a:b], 1.0, _combs(g))
+        for g in groups.groups for a, b in g.blocks
+    ]  # fmt: skip
 
 
 def _combs(group: Group) -> tuple[float, ...]:
