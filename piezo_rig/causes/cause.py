@@ -43,6 +43,7 @@ class Context:
     ends_v : lowest and highest drive
     ends_um : how far the sensor goes below (negative) and above where a sweep begins
     steepest_v_per_s : largest |dV/dt| within a half loop, over some samples
+    noise_v : what was taken out of the drive
     """
 
     model: Model
@@ -57,6 +58,7 @@ class Context:
     ends_v: tuple[float, float] = (0.0, 0.0)
     ends_um: tuple[float, float] = (0.0, 0.0)
     steepest_v_per_s: float = 0.0
+    noise_v: float = 0.0
 
     @property
     def fastest_v_per_s(self) -> float:

@@ -26,6 +26,7 @@ from piezo_rig.chain.stage import Parameter, Signal, Stage
 NEVER_V = 1000.0  # no piezo amplifier of this kind goes there
 SHARES = (0.0004, 0.0008, 0.0013, 0.002, 0.003, 0.0045, 0.0065, 0.009, 0.012, 0.02, 0.03, 0.05,
           0.08, 0.12, 0.17, 0.24, 0.32)  # cut off  # fmt: skip
+WITHIN = 4.0  # times the drive's noise
 
 
 def _near(context: Context, end: int) -> list[float]:
@@ -60,6 +61,11 @@ class DriveClipping(Cause):
         return [[cls.of(None, lower=-NEVER_V, upper=v)] for v in _near(context, 1)] + [
             [cls.of(None, lower=v, upper=NEVER_V)] for v in _near(context, 0)
         ]
+
+    def plausible(self, context: Context) -> bool:
+        """Where it cuts off more than the noise that the drive was recorded with."""
+        low, high = context.ends_v
+        return max(self["lower"] - low, high - self["upper"]) > WITHIN * context.noise_v
 
     def also(self, context: Context) -> list[Stage]:
         """Clipped at the other end as well."""

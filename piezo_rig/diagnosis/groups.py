@@ -197,12 +197,14 @@ class Groups:
     """All groups, and the factor by which they are thinned.
 
     ``offset_v`` : the drive at no command; where that is not known, the highest
+    ``noise_v`` : what was taken out of the drive
     """
 
     groups: tuple[Group, ...]
     rate: float
     factor: int
     offset_v: float = 0.0
+    noise_v: float = 0.0
     _short: dict[int, tuple[Group, Short]] = field(default_factory=dict, init=False, repr=False)
 
     @property
@@ -254,7 +256,7 @@ class Groups:
         groups = self.evenly().groups
         if samples is not None:
             groups = tuple(g.begun(samples // len(groups)) for g in groups)
-        return Groups(groups, self.rate, 1, self.offset_v)
+        return Groups(groups, self.rate, 1, self.offset_v, self.noise_v)
 
     def cells(self, group: Group) -> list[Cells]:
         """Of each block of a group."""
@@ -337,9 +339,10 @@ def group_tracks(data: Data, sweeps: Sequence[Sweep]) -> Groups:
     total = sum(b - a for g in groups for a, b in g.blocks)
     factor = int(np.clip(np.ceil(total / ENOUGH), 1, max(1, rate / _slowest(groups, rate))))
     if total <= FEW or factor == 1:
-        return Groups(groups, rate, 1, offset)
+        return Groups(groups, rate, 1, offset, data.noise_v)
     most = max(BESIDE_CORNERS // len(groups), OF_EACH), ENOUGH // len(groups)
-    return Groups(tuple(_fine(g, rate, factor, most) for g in groups), rate, factor, offset)
+    fine = tuple(_fine(g, rate, factor, most) for g in groups)
+    return Groups(fine, rate, factor, offset, data.noise_v)
 
 
 def _slowest(groups: Sequence[Group], rate: float) -> float:

@@ -112,6 +112,7 @@ def context_of(space: Space, model: Model) -> Context:
         space.groups.ends_v,
         _ends_um(space.groups, model),
         _steepest(space.groups),
+        space.groups.noise_v,
     )
 
 

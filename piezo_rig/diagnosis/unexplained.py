@@ -30,6 +30,7 @@ SHARE = 0.2  # of the structured power that a tag must carry to be named
 LEAST, LEAST_ALONE = 0.02, 0.1
 BEYOND = 0.7  # of the noise floor, by which what repeats share may be missed
 LUMPS = 1.5e-4  # of the travel: what elements that are lumps leave of a smooth actuator
+LEFT_IN_DRIVE = 0.4  # of the noise that was taken out of the drive
 
 
 @dataclass(frozen=True)
@@ -74,11 +75,12 @@ def unexplained(
     mismatch = 1e3 * float(np.sqrt(max(float(fine @ fine_gram @ fine), 0.0) / samples))
     known, of_laws = _known_nm(space, noise_nm), min(OF_LAWS * explained_nm, noise_nm)
     travel_nm = 1e3 * space.groups.travel_um
+    of_drive = _of_drive_nm(space)
     least = LEAST if all(g.repeats > 1 for g in space.groups.groups) else LEAST_ALONE
     allowance = float(np.linalg.norm(
-        [max(mismatch, least * noise_nm, known), 3e-6 * travel_nm, of_laws]
+        [max(mismatch, least * noise_nm, known), 3e-6 * travel_nm, of_laws, of_drive]
     ))  # fmt: skip
-    missed = float(np.linalg.norm([BEYOND * noise_nm, LUMPS * travel_nm, known, of_laws]))
+    missed = float(np.linalg.norm([BEYOND * noise_nm, LUMPS * travel_nm, known, of_laws, of_drive]))
     shared = _shared_nm(space, noise_nm, held_out_nm)
     named = _named(space, generic, generic_gram)
     if mismatch > rms:
@@ -98,6 +100,14 @@ def _shared_nm(space: Space, noise_nm: float, held_out_nm: float) -> float:
     if not all(g.repeats > 1 for g in space.groups.groups):
         return 0.0
     return float(np.sqrt(max(held_out_nm**2 - noise_nm**2, 0.0)))
+
+
+def _of_drive_nm(space: Space) -> float:
+    """What the model moves by noise that is left in the drive."""
+    groups = space.groups
+    repeats = float(np.mean([g.repeats for g in groups.groups]))
+    left_v = LEFT_IN_DRIVE * groups.noise_v / np.sqrt(repeats)
+    return float(1e3 * groups.travel_um / groups.span_v * left_v)
 
 
 def _named(space: Space, generic: FloatArray, gram: FloatArray) -> list[str]:

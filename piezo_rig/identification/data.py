@@ -24,6 +24,7 @@ from piezo_rig.identification.checks import (
     label,
     without_spikes,
 )
+from piezo_rig.identification.quiet import quiet
 from piezo_rig.identification.rest import begins_at_rest
 from piezo_rig.run_file.sweep import Sweep
 
@@ -81,6 +82,7 @@ class Data:
     conditions: tuple[str, ...]  # of every sweep
     names: tuple[str, ...]
     left_out: list[str] = field(default_factory=list)
+    noise_v: float = 0.0  # that was taken out of the drive
 
     @property
     def samples(self) -> int:
@@ -156,7 +158,7 @@ def prepare(
             chains[-1].append(i)
         else:
             chains.append([i])
-    tracks = []
+    tracks, noises_v = [], [0.0]
     for chain in chains:
         rises = first_rises
         if sweeps[chain[0]].name in not_from_rest:
@@ -165,7 +167,7 @@ def prepare(
                 f"{label(sweeps[chain[0]])}: it begins at rest, but as after an earlier excursion "
                 "that was not recorded: its first rise is not taken for an initiation curve"
             )
-        track = _track([sweeps[i] for i in chain], chain, rises, left_out)
+        track = _track([sweeps[i] for i in chain], chain, rises, left_out, noises_v)
         if track is not None:
             tracks.append(track)
     if not tracks:
@@ -175,11 +177,17 @@ def prepare(
             "the drive never comes back over ground that it has covered",
             "record at least one full cycle",
         )
+    if max(noises_v) > 0.0:
+        left_out.append(
+            f"the drive is recorded with noise of up to {1e3 * max(noises_v):.2g} mV rms that the "
+            "displacement does not follow: it was taken out, but for the corners"
+        )
     return Data(
         tuple(tracks),
         tuple(s.condition or s.name for s in sweeps),
         tuple(s.name for s in sweeps),
         gathered(left_out),
+        max(noises_v),
     )
 
 
@@ -205,9 +213,12 @@ def gathered(notes: Sequence[str]) -> list[str]:
 
 
 def _track(
-    sweeps: list[Sweep], indices: list[int], first_rises: bool, left_out: list[str]
-) -> Track | None:
-    drive = np.concatenate([s.drive_v for s in sweeps])
+    sweeps: list[Sweep], indices: list[int], first_rises: bool, left_out: list[str],
+    noises_v: list[float],
+) -> Track | None:  # fmt: skip
+    quieted = [quiet(s.drive_v, s.displacement_um) for s in sweeps]
+    noises_v += [sigma for _, sigma in quieted]
+    drive = np.concatenate([v for v, _ in quieted])
     displacement = np.concatenate([s.displacement_um for s in sweeps])
     edges = np.concatenate([[0], np.cumsum([s.samples for s in sweeps])]).astype(int)
     band = max(dead_band(s.drive_v) for s in sweeps)

@@ -1,0 +1,91 @@
+"""Noise that a drive was recorded with is taken out; what the actuator follows is not."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from piezo_rig.identification.quiet import quiet
+
+RATE = 5000.0
+
+
+def triangle(low=0.0, high=75.0, hz=2.0, seconds=2.2):
+    phase = (np.arange(round(seconds * RATE)) / RATE * hz) % 1.0
+    return low + (high - low) * (1.0 - np.abs(2.0 * phase - 1.0))
+
+
+def sine(hz=3.0, seconds=2.0):
+    return 37.0 + 37.0 * np.sin(2.0 * np.pi * hz * np.arange(round(seconds * RATE)) / RATE)
+
+
+def holds(seed=3):
+    return np.repeat(np.random.default_rng(seed).uniform(0.0, 75.0, 20), 500)
+
+
+def noisy(drive, volts, seed=1):
+    rng = np.random.default_rng(seed)
+    return drive + volts * rng.standard_normal(drive.size), 0.13 * drive + 2e-3 * (
+        rng.standard_normal(drive.size)
+    )
+
+
+@pytest.mark.parametrize("drive", [triangle(), triangle(0.0, 40.0, 40.0), sine(), holds()])
+@pytest.mark.parametrize("volts", [0.003, 0.01])
+def test_of_noise_on_a_drive_a_third_is_left(drive, volts):
+    recorded, moved = noisy(drive, volts)
+    found, sigma = quiet(recorded, moved)
+    assert sigma == pytest.approx(volts, rel=0.1)
+    assert np.std(found - drive) < 0.36 * volts
+
+
+@pytest.mark.parametrize("drive", [triangle(), triangle(0.0, 40.0, 40.0)])
+def test_turning_points_are_where_they_were(drive):
+    recorded, moved = noisy(drive, 0.01)
+    found, _ = quiet(recorded, moved)
+    bend = np.flatnonzero(np.abs(np.diff(drive, 2)) > 1e-3) + 1
+    assert np.std(found[bend] - drive[bend]) < 0.006
+    assert np.max(np.abs(found[bend] - drive[bend])) < 0.025
+
+
+def test_a_leap_stays_a_leap():
+    drive = holds()
+    found, _ = quiet(*noisy(drive, 0.003))
+    leap = np.flatnonzero(np.abs(np.diff(drive)) > 1.0)
+    for at in (leap, leap + 1):
+        assert np.max(np.abs(found[at] - drive[at])) < 0.02
+
+
+@pytest.mark.parametrize("drive", [triangle(), sine(), holds()])
+def test_a_clean_drive_stays_as_it_is(drive):
+    found, sigma = quiet(drive, 0.13 * drive)
+    assert sigma == 0.0
+    assert found is drive
+
+
+def test_noise_that_the_actuator_follows_is_a_drive():
+    recorded, _ = noisy(triangle(), 0.01)
+    moved = 0.13 * recorded + 1e-3 * np.random.default_rng(5).standard_normal(recorded.size)
+    found, sigma = quiet(recorded, moved)
+    assert sigma == 0.0
+    assert found is recorded
+
+
+def test_a_random_walk_is_no_noise():
+    rng = np.random.default_rng(8)
+    walk = np.clip(37.0 + np.cumsum(rng.standard_normal(8000)), 0.0, 75.0)
+    found, sigma = quiet(walk, 0.13 * walk + 2e-3 * rng.standard_normal(walk.size))
+    assert sigma == 0.0
+    assert found is walk
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    seed=st.integers(0, 1 << 30), volts=st.floats(0.001, 0.05), hz=st.floats(0.5, 30.0),
+    high=st.floats(10.0, 100.0),
+)  # fmt: skip
+def test_no_drive_comes_out_noisier_than_it_was(seed, volts, hz, high):
+    drive = triangle(0.0, high, hz, 1.0)
+    recorded, moved = noisy(drive, volts, seed)
+    found, _ = quiet(recorded, moved)
+    assert np.std(found - drive) <= 1.02 * np.std(recorded - drive)
