@@ -157,8 +157,15 @@ class Cause(Stage):
             return []
         return [[t.with_values(**{name: t[name] * f}) for t in trials] for f in factor**FINER]
 
-    def at_large(self) -> list[Stage]:
-        """Where else a very large one may begin: a linear look from none of it may mislead."""
+    def otherwise(self) -> list[Stage]:
+        """The same in other forms; a diagnosis takes one of those where it is plainly better."""
+        return []
+
+    def at_large(self, near: Stage | None = None) -> list[Stage]:
+        """Where else a very large one may begin: a linear look from none of it may mislead.
+
+        ``near`` : the best of those; others about it then
+        """
         return []
 
     @classmethod

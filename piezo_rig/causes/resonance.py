@@ -3,7 +3,8 @@
 Physics: stack, holder and target are a mass on a spring; a change of velocity sets off the free
 oscillation of the mode, which decays. Textbook second-order response (S. Devasia, E. Eleftheriou,
 S. Moheimani, IEEE Trans. Control Syst. Technol. 15 (2007) 802). A sensor that does not look at the
-moving end alone sees only a share of it.
+moving end alone sees only a share of it. What damps the mode rests (air, an eddy-current damper) or
+moves along (losses in the holder itself, ``moves_along``): then it is not late on a ramp.
 
 Shows as: a decaying oscillation after each corner of the drive, in proportion to the change of
 velocity, amplitude velocity / (2 pi frequency); nothing in smooth waveforms far below the mode.
@@ -26,16 +27,20 @@ from piezo_rig.chain.stage import Signal, Stage
 LOWEST_HZ, HIGHEST_HZ = 110.0, 2500.0  # below lies the hum
 APART = 0.12  # neighbouring examples, relative
 DAMPING = 0.05
-MOST = 0.5  # damping: above it a mode hardly rings, and is a lag by another name
+MOST = 0.25  # damping: above it a mode hardly rings, and is a lag by another name
 FINER, DAMPINGS = 13, (0.01, 0.02, 0.05, 0.12)  # examples about the likeliest
 EXAMPLE = 0.01  # share
-AT_LARGE, DAMPED = np.geomspace(0.88, 1.14, 7), (0.01, 0.03, 0.1)  # about the likeliest frequency
+AT_LARGE = np.geomspace(LOWEST_HZ, HIGHEST_HZ, 43)  # 8 % apart
+DAMPED = (0.01, 0.03, 0.1)
 LITTLE = 0.2  # of the displacement: what the base model does may be taken to pass such a mode
 COARSE = 0.25  # of a period: samples that are further apart do not show what a mode makes of them
 
 
 class Resonance(Cause):
-    """``frequency`` and ``damping`` of a mode on which a ``share`` of the displacement rides."""
+    """``frequency`` and ``damping`` of a mode on which a ``share`` of the displacement rides.
+
+    ``moves_along`` : 1 where what damps it moves along with what drives it, 0 where it rests
+    """
 
     id = "resonance"
     place = "actuator"
@@ -43,6 +48,8 @@ class Resonance(Cause):
     largest: ClassVar[float] = 100.0
     near: ClassVar[float] = NEAR_IN_TIME
     units: ClassVar[Mapping[str, str]] = {"share": "1", "frequency": "Hz", "damping": "1"}
+    optional: ClassVar[Mapping[str, str]] = {"moves_along": "1"}
+    given: ClassVar[tuple[str, ...]] = ("moves_along",)
     sharp: ClassVar[Mapping[str, float]] = {"frequency": 20.0, "damping": 2.0}
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {
         "share": (0.0, 2.0), "frequency": (20.0, 20_000.0), "damping": (1e-3, MOST),
@@ -53,12 +60,23 @@ class Resonance(Cause):
         """Far below the mode, if it carries a small share."""
         return self["share"] < LITTLE
 
+    @property
+    def behind_s(self) -> float:
+        """How late the mode is on a ramp."""
+        if "moves_along" in self.parameters and self["moves_along"] > 0:
+            return 0.0
+        return float(self["damping"] / (np.pi * self["frequency"]))
+
+    def otherwise(self) -> list[Stage]:
+        along = "moves_along" in self.parameters and self["moves_along"] > 0
+        return [self.with_values(moves_along=0.0 if along else 1.0)]
+
     def _mode(self, signal: Signal, rows: FloatArray) -> FloatArray:
         from piezo_rig.chain.oscillation import rung_each
 
         omega, time = 2.0 * np.pi * self["frequency"], np.ascontiguousarray(signal.time_s)
         rows = np.ascontiguousarray(rows)
-        made = rung_each(signal.begins, time, rows, omega, self["damping"])
+        made = rung_each(signal.begins, time, rows, omega, self["damping"], self.behind_s)
         return np.asarray(rows + self["share"] * (made - rows))
 
     def act(self, signal: Signal) -> Signal:
@@ -73,7 +91,9 @@ class Resonance(Cause):
 
     def increment(self, branches: Branches) -> Increment | str:
         omega = 2.0 * np.pi * self["frequency"]
-        return Increment(Operation.MODE, (self["share"], omega, self["damping"]))
+        return Increment(
+            Operation.MODE, (self["share"], omega, self["damping"], self.behind_s)
+        )
 
     def between_samples(self, step_s: float) -> dict[str, float]:
         """Ringing that begins up to half a sample beside where a straight drive begins it.
@@ -85,15 +105,17 @@ class Resonance(Cause):
         phase = 2.0 * np.pi * frequency * 0.5 * step_s
         return {"frequency": float(phase * damping * frequency / np.sqrt(3.0))}
 
-    def at_large(self) -> list[Stage]:
-        """The whole displacement through it.
+    def at_large(self, near: Stage | None = None) -> list[Stage]:
+        """The whole displacement through it, at any frequency, or near one at any damping.
 
         What goes back and forth faster than it rings comes out with the other sign: where all of
-        a travel rides on the mode, a small share of one a little slower or faster looks better.
+        a travel rides on the mode, a small share of quite another one looks better.
         """
+        if near is None:
+            return [self.with_values(share=1.0, frequency=f, damping=DAMPED[1]) for f in AT_LARGE]
         return [
-            self.with_values(share=1.0, frequency=self["frequency"] * f, damping=damping)
-            for f in AT_LARGE for damping in DAMPED
+            self.with_values(share=1.0, frequency=near["frequency"] * f, damping=damping)
+            for f in (0.97, 1.0, 1.03) for damping in DAMPED
         ]  # fmt: skip
 
     @classmethod

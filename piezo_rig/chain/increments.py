@@ -35,7 +35,7 @@ class Operation(IntEnum):
     RELAX = 7
     """how many; their time constants s; their weights"""
     MODE = 8
-    """share, angular frequency 1/s, damping"""
+    """share, angular frequency 1/s, damping, how late it is on a ramp in s"""
     AGE = 9
     """share of the stroke per decade of cycles"""
     STOP = 10

@@ -1,6 +1,8 @@
 """A sampled signal seen through one mechanical mode, exact for signals straight between samples.
 
-y'' + 2 z w y' + w^2 y = w^2 x, w in rad/s, 0 < z < 1. Samples need not be evenly spaced.
+y'' + 2 z w y' + w^2 y = w^2 x, w in rad/s, 0 < z < 1: behind a ramp by ``behind`` = 2 z / w. Where
+what damps it moves along with x, y'' + 2 z w (y' - x') + w^2 y = w^2 x, it is not behind (0).
+Samples need not be evenly spaced.
 Compiled; imported only when a stage acts.
 """
 
@@ -15,7 +17,7 @@ SAME_STEP = 1e-9  # relative: times are rounded, and no exponential is taken ane
 
 
 @numba.njit(cache=True, nogil=True)
-def rung(time, rows, omega, damping):
+def rung(time, rows, omega, damping, behind):
     """Rows (k, n) through the mode, shape (k, n); each begins settled at its first sample."""
     k, n = rows.shape
     x = np.ascontiguousarray(rows.T)
@@ -24,7 +26,6 @@ def rung(time, rows, omega, damping):
     off = np.zeros(k)
     rate = np.zeros(k)
     slope = np.zeros(k)
-    behind = 2.0 * damping / omega
     ringing = omega * math.sqrt(1.0 - damping * damping)
     known = 0.0
     c = s = 0.0
@@ -54,11 +55,11 @@ def rung(time, rows, omega, damping):
 
 
 @numba.njit(cache=True, nogil=True)
-def rung_each(begins, time, rows, omega, damping):
+def rung_each(begins, time, rows, omega, damping, behind):
     """`rung` of stretches that begin at these samples."""
     out = np.empty(rows.shape)
     for k in range(begins.size):
         a = begins[k]
         b = begins[k + 1] if k + 1 < begins.size else time.size
-        out[:, a:b] = rung(time[a:b], rows[:, a:b], omega, damping)
+        out[:, a:b] = rung(time[a:b], rows[:, a:b], omega, damping, behind)
     return out

@@ -175,8 +175,7 @@ def _relax(n, cache, old, new, x):
 @numba.njit(cache=True)
 def _mode(n, cache, old, new, x):
     """Memory: how far the mode is off what it would follow, the rate of that, slope, input."""
-    omega, damping = n[1], n[2]
-    behind = 2.0 * damping / omega
+    omega, damping, behind = n[1], n[2], n[3]
     slope = (x - old[3]) / cache[2]
     e = old[0] + behind * (slope - old[2])
     v = old[1] - (slope - old[2])

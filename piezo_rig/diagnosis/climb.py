@@ -28,6 +28,7 @@ from piezo_rig.diagnosis.forms import (
     beside_kinks,
     converged,
     further,
+    in_another_form,
     reached,
     summit,
 )
@@ -372,6 +373,7 @@ class Search:
                 fitted = further(self.space, fitted, candidate.id)
             fitted = beside_kinks(self.space, fitted, candidate.id)
             fitted = as_late(self.space, fitted, candidate.id)
+            fitted = in_another_form(self.space, fitted, candidate.id)
         except (InputError, np.linalg.LinAlgError):
             fitted = None  # at the size that the data ask for it cannot even be played
         if fitted is None or does_nothing(self.space, fitted.point, candidate.id) or (

@@ -52,6 +52,7 @@ from piezo_rig.diagnosis.space import Space
 from piezo_rig.diagnosis.unexplained import unexplained, with_gain, with_line
 from piezo_rig.diagnosis.unlike import within_what_is_wrong
 from piezo_rig.diagnosis.unsteady import unsteady
+from piezo_rig.errors import InputError
 from piezo_rig.identification import prepare
 from piezo_rig.run_file.sweep import Sweep
 
@@ -375,15 +376,21 @@ def final_model(fitted: Fitted, name: str, spread: Intervals) -> Model:
 def recording_offsets(
     space: Space, groups: Groups, fitted: Fitted, sweeps: Sequence[Sweep]
 ) -> list[tuple[str, float]]:
-    """Offset of every source against the model as the first source alone fits it."""
+    """Offset of every source against the model as the first source alone fits it.
+
+    As all fit it, where what the first one says of a law cannot be played further out.
+    """
     found: dict[str, list[float]] = {}
     sources = [{Path(sweeps[i].source).name for m in g.sweeps for i in m} for g in groups.groups]
     train = [k for k, p in enumerate(space.pieces) if sources[p.group] & sources[0]]
     model = fitted.point.model
     if len(train) < len(space.pieces):
         model = refold(fitted.point, fitted, train).model
-    for g in groups.groups:
-        predicted = model.place_um(g.drive_v, g.history)
+    try:
+        places = [model.place_um(g.drive_v, g.history) for g in groups.groups]
+    except InputError:
+        places = [fitted.point.model.place_um(g.drive_v, g.history) for g in groups.groups]
+    for g, predicted in zip(groups.groups, places, strict=True):
         for members, row in zip(g.sweeps, g.measured_um, strict=True):
             sweep = sweeps[members[0]]
             inside = np.concatenate([np.arange(a, b) for a, b in g.blocks])

@@ -6,7 +6,7 @@ missing, which the new one then seemed to make up for.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -25,7 +25,7 @@ from piezo_rig.errors import InputError
 
 ONCE_MORE = 4
 BETTER = 3.0  # log-likelihood by which a refit from further out must be better
-VERY_LARGE = 1e4  # the same that promises an effect which may be nothing like a small one
+VERY_LARGE = 1e5  # the same that promises an effect which may be nothing like a small one
 LARGE = 300.0  # the same above which a law was begun at the right size, and no law recovers from
 PLAIN = 20.0  # log-likelihood above which all forms of a law are refitted
 PARABOLAS, SETTLED = 6, 1.0  # at most so many, and the gain in log-likelihood that ends them
@@ -58,14 +58,33 @@ def begun_best(space: Space, point: Point, id: str, example: Stage, promised: fl
             stage.with_values(**{stage.lasting: seconds})
             for seconds in (length / WIDE, length, length * WIDE) if low < seconds < high
         ]  # fmt: skip
-    if promised > VERY_LARGE:
-        starts += stage.at_large()
+    large = stage.at_large() if promised > VERY_LARGE else []
+    if large:
+        worth = _begun_with(space, point, large, _as_begun)
+        near = stage.at_large(near=large[int(np.argmax(worth))])
+        worth = _begun_with(space, point, [*starts, *near], _as_begun)
+        return replace(point, model=point.model.with_stage([*starts, *near][int(np.argmax(worth))]))
     if len(starts) == 1:
         return point
+    worth = _begun_with(space, point, starts, _one_step)
+    return replace(point, model=point.model.with_stage(starts[int(np.argmax(worth))]))
+
+
+def _begun_with(
+    space: Space, point: Point, starts: Sequence[Stage], worth: Callable[[Space, Point], float]
+) -> list[float]:
+    """What a stage is worth, start by start."""
     points = [replace(point, model=point.model.with_stage(s)) for s in starts]
-    steps = [partial(_one_step, space, p) for p in points]
-    fits = abreast(space, steps, [point, point.model, *point.model.stages])
-    return points[int(np.argmax(fits))]
+    made = [partial(worth, space, p) for p in points]
+    return abreast(space, made, [point, point.model, *point.model.stages])
+
+
+def _as_begun(space: Space, point: Point) -> float:
+    """Evidence with everything linear fitted anew; none where it cannot be played."""
+    try:
+        return refit(space, point, steps=0, held=True).evidence
+    except (InputError, np.linalg.LinAlgError):
+        return -np.inf
 
 
 def _one_step(space: Space, point: Point) -> float:
@@ -83,6 +102,17 @@ def as_late(space: Space, fitted: Fitted, id: str) -> Fitted:
     if not isinstance(stage, Cause) or not stage.lasting:
         return fitted
     return refit(space, fitted.point, steps=1, held=True)
+
+
+def in_another_form(space: Space, fitted: Fitted, id: str) -> Fitted:
+    """In whichever form says plainly more."""
+    stage = fitted.point.model.stage(id)
+    forms = stage.otherwise() if isinstance(stage, Cause) else []
+    for form in forms:
+        other = at_values(space, fitted, id, {n: form[n] for n in form.parameters})
+        if other.evidence > fitted.evidence + FADES:
+            fitted = other
+    return fitted
 
 
 def further(space: Space, fitted: Fitted, id: str) -> Fitted:

@@ -16,9 +16,10 @@ from piezo_rig.diagnosis.fit import Point
 from piezo_rig.diagnosis.groups import Groups
 from piezo_rig.diagnosis.likelihood import Likelihood
 from piezo_rig.diagnosis.reduction import Reduced, covariance_of, reduce
-from piezo_rig.diagnosis.refit import Fitted
+from piezo_rig.diagnosis.refit import Fitted, playable
 from piezo_rig.diagnosis.scores import score
 from piezo_rig.diagnosis.space import Space
+from piezo_rig.errors import InputError
 
 FloatArray = NDArray[np.float64]
 LEVEL = 0.005  # family-wise chance of a false alarm; at 0.01, 4 or 5 of 270 nulls raised one
@@ -210,15 +211,19 @@ def scan(
     space: Space, fitted: Fitted, rng: np.random.Generator, barred: dict[str, str] | None = None
 ) -> Found:
     """Score every cause against the fitted model."""
-    found, refused = candidates(space, fitted.point.model)
+    model = fitted.point.model
+    found, refused = candidates(space, model)
     refused |= barred or {}
     found = [c for c in found if c.id not in (barred or {})]
-    pairs: list[tuple[Model, Model]] = []
+    try:
+        linear = space.linear(fitted.point, _pairs(found, model))
+    except InputError:  # some example asks for more than the model at hand can do
+        found, lost = _playable(space, found, model)
+        refused |= dict.fromkeys(lost, "beside the model at hand not even a small one is possible")
+        linear = space.linear(fitted.point, _pairs(found, model))
     where: dict[str, list[list[int]]] = {}
     for c in found:
-        where[c.id] = c.columns(len(pairs))
-        pairs += c.pairs(fitted.point.model)
-    linear = space.linear(fitted.point, pairs)
+        where[c.id] = c.columns(sum(len(form) for forms in where.values() for form in forms))
     reduced = reduce(linear)
     kept = []
     for c in found:
@@ -247,6 +252,27 @@ def scan(
         c.id: (hypotheses[scored.chosen[i]], forms[scored.chosen[i]]) for i, c in enumerate(kept)
     }
     return Found(result, kept, likelihood, chosen)
+
+
+def _pairs(found: Sequence[Candidate], model: Model) -> list[tuple[Model, Model]]:
+    return [pair for c in found for pair in c.pairs(model)]
+
+
+def _playable(
+    space: Space, found: Sequence[Candidate], model: Model
+) -> tuple[list[Candidate], list[str]]:
+    """Candidates with the forms that can be played with a model, and which have none."""
+    kept, lost = [], []
+    for c in found:
+        forms = tuple(
+            form for form in c.variants
+            if all(playable(space, model.with_stage(t)) for t in form)
+        )
+        if forms:
+            kept.append(Candidate(c.id, forms))
+        else:
+            lost.append(c.id)
+    return kept, lost
 
 
 def score_powers(

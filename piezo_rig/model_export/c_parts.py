@@ -254,7 +254,8 @@ x += {number(stage['rate_per_decade'])} * s->{aged};""",
 
 
 def _resonance(stage: Stage, at: Place) -> Part:
-    h, damping = at.period_s, stage["damping"]
+    assert isinstance(stage, Resonance)
+    h, damping, behind = at.period_s, stage["damping"], stage.behind_s
     omega = 2.0 * math.pi * stage["frequency"]
     ringing = omega * math.sqrt(1.0 - damping * damping)
     fade = math.exp(-damping * omega * h)
@@ -270,14 +271,14 @@ def _resonance(stage: Stage, at: Place) -> Part:
         s->{before} = x;
     }}
     fast = (x - s->{before}) / {number(h)};
-    e = s->{off} + {number(2.0 * damping / omega)} * (fast - s->{slope});
+    e = s->{off} + {number(behind)} * (fast - s->{slope});
     w = s->{rate} - (fast - s->{slope});
     s->{slope} = fast;
     s->{before} = x;
     s->{off} = {number(c)} * e + {number(s)} * (w + {number(damping * omega)} * e);
     s->{rate} = {number(c)} * w
         - {number(s)} * ({number(omega * omega)} * e + {number(damping * omega)} * w);
-    x += {number(stage['share'])} * (s->{off} - {number(2.0 * damping / omega)} * fast);
+    x += {number(stage['share'])} * (s->{off} - {number(behind)} * fast);
 }}""",
     )
 
