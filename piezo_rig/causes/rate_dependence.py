@@ -4,7 +4,8 @@ Physics: moving domain walls feel a viscous drag, so that the displacement lags 
 length that grows with |dV/dt|, less than in proportion; exponents of 0.4 to 1 are reported.
 In one form the lag is the same all along a half loop. In the other the thresholds of all sliders
 widen with the speed (M. Al Janaideh and P. Krejci, IEEE/ASME Trans. Mechatronics 18 (2013) 1498),
-while the first spring follows the drive. The rate is taken over the time that walls need to follow.
+while the first spring follows the drive. Walls need a time to follow: the rate is taken over it, or
+the lag settles within it.
 
 Shows as: loops that are wider where the drive is faster, everywhere but within milliseconds of
 a corner. At one fixed frequency the rate is proportional to the range.
@@ -33,8 +34,9 @@ LOW, HIGH = 0.4, 1.0  # exponents of the two examples
 class RateDependence(Cause):
     """``lag_um`` at 300 V/s, and the ``exponent`` with which it grows.
 
-    ``window_s`` : over which the rate is taken. ``widens`` : 1 where thresholds widen, by what
-    makes ``lag_um`` at the sliders' mean compliance; 0 where it is the same all along a half loop
+    ``window_s`` : over which the rate is taken, or (``settles`` 1) within which the lag of the rate
+    at hand settles. ``widens`` : 1 where thresholds widen, by what makes ``lag_um`` at the sliders'
+    mean compliance; 0 where it is the same all along a half loop
     """
 
     id = "rate-dependence"
@@ -43,8 +45,8 @@ class RateDependence(Cause):
     law: ClassVar[Mapping[str, float]] = {"frequency": 0.05, "first rise": 0.05}
     needs_speeds = True
     units: ClassVar[Mapping[str, str]] = {"lag_um": "um", "exponent": "1"}
-    optional: ClassVar[Mapping[str, str]] = {"window_s": "s", "widens": "1"}
-    given: ClassVar[tuple[str, ...]] = ("widens",)
+    optional: ClassVar[Mapping[str, str]] = {"window_s": "s", "widens": "1", "settles": "1"}
+    given: ClassVar[tuple[str, ...]] = ("widens", "settles")
     scanned: ClassVar[tuple[str, float]] = ("window_s", 2.0 ** (1 / 6))
     neutral: ClassVar[Mapping[str, float]] = {"exponent": 0.7}
     priors: ClassVar[Mapping[str, tuple[float, float]]] = {"exponent": (0.7, 0.2)}
@@ -84,20 +86,36 @@ class RateDependence(Cause):
     def act(self, signal: Signal) -> Signal:
         if self.widens:
             return signal
-        numbers = (self["lag_um"], self["exponent"], self.window)
+        numbers = (self["lag_um"], self["exponent"], self.window, self.settles)
         lag = signal.of_drive.get((self.id, *numbers), lambda: self._lag(signal))
         return signal.with_displacement(signal.displacement_um - lag)
 
     def _lag(self, signal: Signal) -> FloatArray:
-        rate = self._rate(signal)
         size = signal.of_drive.get(
-            (self.id, "size", self["exponent"], self.window),
-            lambda: np.sign(rate) * np.abs(rate) ** self["exponent"],
+            (self.id, "size", self["exponent"], self.window, self.settles),
+            lambda: self._settled(signal) if self.settles else self._drag(self._rate(signal)),
         )
         return np.asarray(self["lag_um"] * size)
 
+    def _drag(self, rate: FloatArray) -> FloatArray:
+        return np.asarray(np.sign(rate) * np.abs(rate) ** self["exponent"])
+
+    def _settled(self, signal: Signal) -> FloatArray:
+        """The drag of what the drive does between samples, settling within the window; (n,)."""
+        from piezo_rig.chain.relaxation import off_each
+
+        time = np.ascontiguousarray(signal.time_s)
+        steps = np.maximum(np.diff(time), 1e-12)
+        rate = np.diff(signal.drive_v) / steps / REFERENCE_V_PER_S
+        rate[signal.begins[1:] - 1] = 0.0  # from one drive to the next
+        whole = np.concatenate([[0.0], np.cumsum(self._drag(rate) * steps)])
+        return np.asarray(-off_each(signal.begins, time, whole, self.window) / self.window)
+
+    def otherwise(self) -> list[Stage]:
+        return [] if self.widens else [self.with_values(settles=0.0 if self.settles else 1.0)]
+
     def increment(self, branches: Branches) -> Increment | str:
-        rest = (self["exponent"], self.window, REFERENCE_V_PER_S)
+        rest = (self["exponent"], self.window, REFERENCE_V_PER_S, float(self.settles))
         if self.widens:
             return Increment(Operation.WIDEN, (self.widens_by_v(branches), *rest))
         return Increment(Operation.DRAG, (self["lag_um"], *rest))
@@ -105,6 +123,10 @@ class RateDependence(Cause):
     @property
     def widens(self) -> bool:
         return "widens" in self.parameters and bool(self["widens"])
+
+    @property
+    def settles(self) -> bool:
+        return "settles" in self.parameters and bool(self["settles"]) and not self.widens
 
     def _rate(self, signal: Signal) -> FloatArray:
         """Speed of the drive (n,), of `REFERENCE_V_PER_S`."""

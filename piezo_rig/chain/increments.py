@@ -27,11 +27,11 @@ class Operation(IntEnum):
     LAG = 3
     """time constant s; above 0"""
     WIDEN = 4
-    """width V at the reference rate, exponent, window s, reference rate V/s"""
+    """width V at the reference rate, exponent, window s, reference rate V/s; one not read"""
     BEND = 5
     """from V, over V, coefficients um of the powers 2, 3, 4, 5"""
     DRAG = 6
-    """lag um at the reference rate, exponent, window s, reference rate V/s"""
+    """lag um at the reference rate, exponent, window s, reference rate V/s, if it settles (1)"""
     RELAX = 7
     """how many; their time constants s; their weights"""
     MODE = 8

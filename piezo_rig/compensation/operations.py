@@ -30,6 +30,9 @@ def begin(kind, n, new, x, drive):
         new[0] = x
         new[1] = x
         return x
+    if kind == DRAG and n[4] > 0.0:
+        new[1] = drive
+        return x
     if kind in (DRAG, WIDEN):
         new[0] = drive
         new[1] = drive
@@ -62,6 +65,7 @@ def prepare(kind, n, step_s, cache):
         _first_order(n[0], step_s, cache)
     elif kind in (DRAG, WIDEN):
         _first_order(n[2], step_s, cache)
+        cache[2] = step_s
     elif kind == RELAX:
         m = int(n[0])
         for k in range(m):
@@ -100,6 +104,12 @@ def step(kind, n, cap, cache, old, new, x, drive):
         return new[0]
     if kind == LAG:
         return _follow(cache, old, new, x)
+    if kind == DRAG and n[4] > 0.0:
+        rate = (drive - old[1]) / cache[2] / n[3]
+        drag = math.copysign(_drag(n, cap, rate), rate)
+        new[0] = drag + (old[0] - drag) * cache[0]
+        new[1] = drive
+        return x - new[0]
     if kind == DRAG:
         rate = (drive - _follow(cache, old, new, drive)) / n[2] / n[3]
         return x - math.copysign(_drag(n, cap, rate), rate)

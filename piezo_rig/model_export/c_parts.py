@@ -127,6 +127,8 @@ def _amplifier_lag(stage: Stage, at: Place) -> Part:
 
 def _rate_dependence(stage: Stage, at: Place) -> Part:
     assert isinstance(stage, RateDependence)
+    if stage.settles:
+        return _settling_drag(stage, at)
     lag = _lag(at, stage.window)
     rate, exponent = at.own("rate"), number(stage["exponent"])
     begin = f"""\
@@ -150,6 +152,28 @@ if (s->{seen} < v - s->{width})
 if (s->{seen} > v + s->{width})
     s->{seen} = v + s->{width};
 seen = s->{seen};""",
+    )
+
+
+def _settling_drag(stage: RateDependence, at: Place) -> Part:
+    lag, before = at.own("lag"), at.own("before")
+    kept = number(math.exp(-at.period_s / stage.window))
+    return Part(
+        members=f"double {lag}, {before};",
+        step=f"""\
+{{
+    double rate, drag;
+    if (!s->begun) {{
+        s->{lag} = 0.0;
+        s->{before} = v;
+    }}
+    rate = (v - s->{before}) / {number(at.period_s)} / {number(REFERENCE_V_PER_S)};
+    drag = {number(stage['lag_um'])} * (rate < 0.0 ? -1.0 : 1.0)
+        * pow(fabs(rate), {number(stage['exponent'])});
+    s->{lag} = drag + (s->{lag} - drag) * {kept};
+    s->{before} = v;
+    x -= s->{lag};
+}}""",
     )
 
 

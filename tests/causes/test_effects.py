@@ -78,6 +78,18 @@ def test_viscosity_lags_by_its_length_at_300_volts_per_second():
         assert x[-1] == pytest.approx(-np.sign(slope) * 0.05, rel=1e-6)
 
 
+def test_a_lag_that_settles_does_so_within_its_time():
+    rate = np.where(TIME < 0.05, 300.0, -75.0)
+    drive = np.concatenate([[0.0], np.cumsum(rate[:-1] * np.diff(TIME))])
+    x = seen("rate-dependence", np.zeros(TIME.size), drive=drive, lag_um=0.05, exponent=0.5,
+             window_s=8e-3, settles=1.0)  # fmt: skip
+    turn = TIME[np.searchsorted(TIME, 0.05)]
+    up = 0.05 * (1.0 - np.exp(-TIME / 8e-3))
+    late = TIME - turn
+    down = -0.025 + (up[np.searchsorted(TIME, turn)] + 0.025) * np.exp(-late / 8e-3)
+    assert x == pytest.approx(-np.where(late <= 0.0, up, down), abs=1e-9)
+
+
 def test_the_periodic_error_repeats_every_half_wave():
     x = np.linspace(0.0, 0.9492, TIME.size)
     error = seen("periodic-nonlinearity", x, sine=3.0, cosine=0.0, sine_2=0.0, cosine_2=0.0) - x
@@ -103,6 +115,18 @@ def test_a_mode_answers_a_corner_as_the_equation_of_motion_does():
     x = seen("resonance", ramp, time=time, share=0.3, frequency=600.0, damping=damping)
     (_, moved, _) = scipy.signal.lsim(system, ramp, time)
     assert x == pytest.approx(0.7 * ramp + 0.3 * moved, abs=1e-9)
+
+
+def test_a_mode_whose_damper_moves_along_is_not_late_on_a_ramp():
+    time = np.arange(0.0, 0.05, 1e-4)
+    ramp = 40.0 * np.maximum(time - 0.01, 0.0)
+    omega, damping = 2 * np.pi * 600.0, 0.04
+    system = ([2 * damping * omega, omega**2], [1.0, 2 * damping * omega, omega**2])
+    x = seen("resonance", ramp, time=time, share=0.3, frequency=600.0, damping=damping,
+             moves_along=1.0)  # fmt: skip
+    (_, moved, _) = scipy.signal.lsim(system, ramp, time)
+    assert x == pytest.approx(0.7 * ramp + 0.3 * moved, abs=1e-9)
+    assert x[-1] == pytest.approx(ramp[-1], abs=1e-4)
 
 
 def test_a_mode_does_not_mind_how_a_record_is_sampled():

@@ -39,7 +39,9 @@ def followed(model, time, target, first=0.0):
 
 @settings(max_examples=60)
 @given(
-    ids=st.sets(st.sampled_from(EVERY)), widens=st.sampled_from([0.0, 1.0]),
+    ids=st.sets(st.sampled_from(EVERY)),
+    form=st.sampled_from([{"widens": 0.0}, {"widens": 1.0}, {"settles": 1.0}]),
+    along=st.sampled_from([{}, {"moves_along": 1.0}]),
     exponent=st.sampled_from([0.5, 1.0]), first=st.sampled_from([0.0, 20.0]),
     reach=st.sampled_from([{}, {"reach": 0.3, "ties": 0.0}, {"reach": 0.3, "ties": 1.0}]),
     shares=st.sampled_from([{}, {n: 0.2 * k for k, n in enumerate(SHARES)}]),
@@ -47,11 +49,11 @@ def followed(model, time, target, first=0.0):
     turns=st.lists(levels, min_size=2, max_size=25), points=st.integers(3, 40),
 )
 def test_sample_by_sample_is_the_whole_signal(
-    ids, widens, exponent, first, reach, shares, closes, turns, points
+    ids, form, along, exponent, first, reach, shares, closes, turns, points
 ):
-    rate = {"widens": widens, "exponent": exponent}
+    rate = {**form, "exponent": exponent}
     own = {"rate-dependence": rate, "range-dependence": reach, "creep": shares,
-           "direction-asymmetry": closes}  # fmt: skip
+           "direction-asymmetry": closes, "resonance": along}  # fmt: skip
     model = model_with(*(id for id in EVERY if id in ids), **own)
     time, drive = legs([first, *turns], points)
     expected = model.simulate(time, drive, free_end=True)
@@ -91,11 +93,13 @@ def test_the_drive_of_textbook_sliders_is_found_from_their_displacement():
 @settings(max_examples=25)
 @given(
     ids=st.sets(st.sampled_from([id for id in EVERY if id != "drive-clipping"])),
+    settles=st.sampled_from([0.0, 1.0]),
     closes=st.sampled_from([{}, {"closing": 1.0}, {"closing": 1.0, "taper": 1.0}]),
     turns=st.lists(levels, min_size=2, max_size=15), points=st.integers(3, 30),
 )
-def test_an_inverted_model_follows_what_it_can_do(ids, closes, turns, points):
-    rate = {"lag_um": 0.005}  # within what a drive outruns; the rest is bounded, see below
+def test_an_inverted_model_follows_what_it_can_do(ids, settles, closes, turns, points):
+    # within what a drive outruns; the rest is bounded, see below
+    rate = {"lag_um": 0.005, "settles": settles}
     own = {"rate-dependence": rate, "direction-asymmetry": closes}
     model = model_with(*(id for id in EVERY if id in ids), **own)
     time, drive = legs([0.0, *turns], points)

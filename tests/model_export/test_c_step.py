@@ -92,11 +92,15 @@ KINDS = {
     "rate-dependence": stages(of("rate-dependence", lag_um=0.05, exponent=0.7)),
     "a steep law of the rate": stages(
         of("rate-dependence", lag_um=0.05, exponent=0.4, window_s=2e-3, widens=0.0)),
+    "a lag that settles": stages(
+        of("rate-dependence", lag_um=0.05, exponent=0.6, window_s=2e-3, settles=1.0)),
     "thresholds that widen": stages(
         of("rate-dependence", lag_um=0.05, exponent=0.6, window_s=8e-3, widens=1.0)),
     "cycle-aging": stages(
         of("creep", rate_per_decade=0.015), of("cycle-aging", rate_per_decade=0.02)),
     "resonance": stages(of("resonance", share=0.3, frequency=700.0, damping=0.03)),
+    "a mode whose damper moves along": stages(
+        of("resonance", share=0.3, frequency=700.0, damping=0.03, moves_along=1.0)),
     "periodic-nonlinearity": stages(
         of("periodic-nonlinearity", sine=2.0, cosine=-1.0, sine_2=0.5, cosine_2=0.2)),
     "sensor-clipping": stages(of("sensor-clipping", level=4.0)),
