@@ -31,7 +31,7 @@ MOST = 0.25  # damping: above it a mode hardly rings, and is a lag by another na
 FINER, DAMPINGS = 13, (0.01, 0.02, 0.05, 0.12)  # examples about the likeliest
 EXAMPLE = 0.01  # share
 AT_LARGE = np.geomspace(LOWEST_HZ, HIGHEST_HZ, 43)  # 8 % apart
-DAMPED = (0.01, 0.03, 0.1)
+DAMPED, SHARED = (0.01, 0.03, 0.1), (0.3, 1.0)
 LITTLE = 0.2  # of the displacement: what the base model does may be taken to pass such a mode
 COARSE = 0.25  # of a period: samples that are further apart do not show what a mode makes of them
 
@@ -106,16 +106,21 @@ class Resonance(Cause):
         return {"frequency": float(phase * damping * frequency / np.sqrt(3.0))}
 
     def at_large(self, near: Stage | None = None) -> list[Stage]:
-        """The whole displacement through it, at any frequency, or near one at any damping.
+        """Much of the displacement through it, at any frequency, or near one at any damping.
 
         What goes back and forth faster than it rings comes out with the other sign: where all of
         a travel rides on the mode, a small share of quite another one looks better.
         """
         if near is None:
-            return [self.with_values(share=1.0, frequency=f, damping=DAMPED[1]) for f in AT_LARGE]
+            return [
+                self.with_values(share=share, frequency=f, damping=DAMPED[1])
+                for f in AT_LARGE for share in SHARED
+            ]  # fmt: skip
         return [
-            self.with_values(share=1.0, frequency=near["frequency"] * f, damping=damping)
-            for f in (0.97, 1.0, 1.03) for damping in DAMPED
+            self.with_values(
+                share=near["share"] * share, frequency=near["frequency"] * f, damping=damping
+            )
+            for f in (0.97, 1.0, 1.03) for damping in DAMPED for share in (0.6, 1.0, 1.6)
         ]  # fmt: skip
 
     @classmethod

@@ -107,12 +107,21 @@ def as_late(space: Space, fitted: Fitted, id: str) -> Fitted:
 def in_another_form(space: Space, fitted: Fitted, id: str) -> Fitted:
     """In whichever form says plainly more."""
     stage = fitted.point.model.stage(id)
-    forms = stage.otherwise() if isinstance(stage, Cause) else []
-    for form in forms:
-        other = at_values(space, fitted, id, {n: form[n] for n in form.parameters})
-        if other.evidence > fitted.evidence + FADES:
+    for form in stage.otherwise() if isinstance(stage, Cause) else []:
+        other = begun_in(space, fitted, form)
+        if other is not None and other.evidence > fitted.evidence + FADES:
             fitted = other
     return fitted
+
+
+def begun_in(space: Space, fitted: Fitted, form: Stage) -> Fitted | None:
+    """Refitted with a stage in another form; None where it cannot be played."""
+    other = at_values(space, fitted, form.id, {n: form[n] for n in form.parameters})
+    if other is fitted:
+        return None
+    if isinstance(form, Cause) and form.scanned[0] in form.parameters:
+        return summit(space, other, form.id)
+    return refit(space, other.point, held=True)
 
 
 def further(space: Space, fitted: Fitted, id: str) -> Fitted:

@@ -4,7 +4,8 @@ About a fit everything is linear but for one thing: how far after a turning poin
 and whether it ends there or fades out. The evidence has several summits over that, and between
 them the law is a different one: half as far it is about twice as strong, and its constant part
 runs away as the reach goes to nothing. So at the end all reaches that the data allow are fitted,
-the best is kept, and intervals are those of the mixture, every fit weighed by its evidence.
+the best is kept, and intervals are those of the mixture, every fit weighed by its evidence. So it
+is with causes that have other forms.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from piezo_rig.causes.cause import Cause, FirstSpring
 from piezo_rig.diagnosis.abreast import abreast
 from piezo_rig.diagnosis.chances import normal_below
 from piezo_rig.diagnosis.first_spring import offset_of
-from piezo_rig.diagnosis.forms import FADES, at_values, summit
+from piezo_rig.diagnosis.forms import FADES, at_values, begun_in, summit
 from piezo_rig.diagnosis.ladder import Ladder
 from piezo_rig.diagnosis.refit import Fitted, refit
 from piezo_rig.diagnosis.space import Space
@@ -49,6 +50,8 @@ def at_their_reaches(
     for id in [s.cause for s in ladder.steps]:
         try:
             fitted, found = over_reaches(space, ladder.last, id)
+            if not found:
+                fitted, found = over_forms(space, ladder.last, id)
         except (InputError, np.linalg.LinAlgError):
             continue  # what cannot be played elsewhere stays where it is
         if fitted is not ladder.last:
@@ -93,6 +96,33 @@ def over_reaches(space: Space, fitted: Fitted, id: str) -> tuple[Fitted, Interva
     return fitted, {
         (id, n): _interval(weights, [k[n] for k in found]) for n in found[0]
     }
+
+
+def over_forms(space: Space, fitted: Fitted, id: str) -> tuple[Fitted, Intervals]:
+    """The fit in a cause's likeliest form, and intervals over all that the data allow."""
+    stage = fitted.point.model.stage(id)
+    forms = stage.otherwise() if isinstance(stage, Cause) else []
+    tried = [fitted]
+    for form in forms:
+        other = begun_in(space, fitted, form)
+        if other is not None:
+            tried.append(other)
+    worth = np.array([f.evidence for f in tried])
+    kept = [k for k in range(len(tried)) if worth[k] > worth.max() - NEGLIGIBLE]
+    best = tried[int(np.argmax(worth))] if worth.max() > worth[0] + BETTER else fitted
+    if len(kept) < 2:
+        return best, {}
+    weights = np.exp(worth[kept] - worth.max())
+    weights /= weights.sum()
+    spread = {}
+    for k, (owner, name) in enumerate(fitted.point.names):
+        if owner == id:
+            parts = [
+                (_stage(tried[i], id)[name], float(np.sqrt(max(tried[i].covariance[k, k], 0.0))))
+                for i in kept
+            ]
+            spread[id, name] = _interval(weights, parts)
+    return best, spread
 
 
 def _all_about(space: Space, fitted: Fitted, id: str, most: float) -> list[Fitted]:
