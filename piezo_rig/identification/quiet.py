@@ -21,6 +21,8 @@ WIDTHS = (5, 9, 17, 33, 65)  # samples of a window
 ABOUT, BEFORE, AFTER = 0.5, 1.0, 0.0  # where in its window a sample lies
 FITS = ((ABOUT, 2), (BEFORE, 1), (BEFORE, 2), (AFTER, 1), (AFTER, 2))  # and the polynomial's order
 SURE = 3.0  # standard deviations by which two windows may disagree
+LEAST = 1e-5  # of the drive's range: less is how its numbers are rounded
+ROUNDED = 0.5  # of a digitizer's step: less is rounding, which repeats from sample to sample
 FOLLOWS = 0.5  # of the mean displacement per volt: noise that the actuator follows so is a drive
 
 
@@ -30,6 +32,13 @@ def _weights(width: int, place: float, order: int) -> tuple[FloatArray, int, flo
     at = round(place * (width - 1))
     weights = savgol_coeffs(width, order, pos=at, use="dot")
     return weights, at, float(np.sqrt(np.sum(weights**2)))
+
+
+def _step_v(drive_v: FloatArray, span: float) -> float:
+    """Between neighbouring values of a drive, volts; tiny where it has no steps."""
+    apart = np.diff(np.unique(drive_v))
+    apart = apart[apart > 1e-9 * span]
+    return float(np.median(apart)) if apart.size else 0.0
 
 
 def quiet(drive_v: FloatArray, displacement_um: FloatArray) -> tuple[FloatArray, float]:
@@ -47,7 +56,9 @@ def quiet(drive_v: FloatArray, displacement_um: FloatArray) -> tuple[FloatArray,
     n = drive_v.size
     if n < WIDTHS[-1] or dead_band(drive_v) == 0.0:
         return drive_v, 0.0
-    sigma = noise(drive_v)
+    sigma, span = noise(drive_v), float(np.ptp(drive_v))
+    if sigma < max(LEAST * span, ROUNDED * _step_v(drive_v, span)):
+        return drive_v, 0.0
     both = np.array([drive_v, displacement_um])
     smooth, left = both.copy(), np.ones(n)
     for place, order in FITS:
@@ -66,7 +77,7 @@ def quiet(drive_v: FloatArray, displacement_um: FloatArray) -> tuple[FloatArray,
             left[begin:end][better] = own
     off_v, off_um = both - smooth
     power = float(off_v @ off_v)
-    slope = float(np.ptp(displacement_um)) / float(np.ptp(drive_v))
+    slope = float(np.ptp(displacement_um)) / span
     if power == 0.0 or float(off_v @ off_um) > FOLLOWS * slope * power:
         return drive_v, 0.0
     return smooth[0], sigma

@@ -63,6 +63,12 @@ def test_a_clean_drive_stays_as_it_is(drive):
     assert found is drive
 
 
+@pytest.mark.parametrize("step", [1e-4, 0.4])
+def test_rounded_numbers_are_not_noise(step):
+    drive = np.round(triangle() / step) * step
+    assert quiet(drive, 0.13 * drive)[0] is drive
+
+
 def test_noise_that_the_actuator_follows_is_a_drive():
     recorded, _ = noisy(triangle(), 0.01)
     moved = 0.13 * recorded + 1e-3 * np.random.default_rng(5).standard_normal(recorded.size)
