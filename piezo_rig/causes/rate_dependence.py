@@ -115,10 +115,10 @@ class RateDependence(Cause):
         return [] if self.widens else [self.with_values(settles=0.0 if self.settles else 1.0)]
 
     def increment(self, branches: Branches) -> Increment | str:
-        rest = (self["exponent"], self.window, REFERENCE_V_PER_S, float(self.settles))
+        rest = (self["exponent"], self.window, REFERENCE_V_PER_S)
         if self.widens:
             return Increment(Operation.WIDEN, (self.widens_by_v(branches), *rest))
-        return Increment(Operation.DRAG, (self["lag_um"], *rest))
+        return Increment(Operation.DRAG, (self["lag_um"], *rest, float(self.settles)))
 
     @property
     def widens(self) -> bool:

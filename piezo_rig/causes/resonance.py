@@ -61,15 +61,16 @@ class Resonance(Cause):
         return self["share"] < LITTLE
 
     @property
+    def along(self) -> bool:
+        return "moves_along" in self.parameters and self["moves_along"] > 0
+
+    @property
     def behind_s(self) -> float:
         """How late the mode is on a ramp."""
-        if "moves_along" in self.parameters and self["moves_along"] > 0:
-            return 0.0
-        return float(self["damping"] / (np.pi * self["frequency"]))
+        return 0.0 if self.along else float(self["damping"] / (np.pi * self["frequency"]))
 
     def otherwise(self) -> list[Stage]:
-        along = "moves_along" in self.parameters and self["moves_along"] > 0
-        return [self.with_values(moves_along=0.0 if along else 1.0)]
+        return [self.with_values(moves_along=0.0 if self.along else 1.0)]
 
     def _mode(self, signal: Signal, rows: FloatArray) -> FloatArray:
         from piezo_rig.chain.oscillation import rung_each

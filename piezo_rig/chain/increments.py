@@ -27,7 +27,7 @@ class Operation(IntEnum):
     LAG = 3
     """time constant s; above 0"""
     WIDEN = 4
-    """width V at the reference rate, exponent, window s, reference rate V/s; one not read"""
+    """width V at the reference rate, exponent, window s, reference rate V/s"""
     BEND = 5
     """from V, over V, coefficients um of the powers 2, 3, 4, 5"""
     DRAG = 6

@@ -222,8 +222,10 @@ def scan(
         refused |= dict.fromkeys(lost, "beside the model at hand not even a small one is possible")
         linear = space.linear(fitted.point, _pairs(found, model))
     where: dict[str, list[list[int]]] = {}
+    at = 0
     for c in found:
-        where[c.id] = c.columns(sum(len(form) for forms in where.values() for form in forms))
+        where[c.id] = c.columns(at)
+        at += len(c.pairs(model))
     reduced = reduce(linear)
     kept = []
     for c in found:

@@ -51,6 +51,7 @@ class Track:
     unit : for every block, the position in ``sweeps`` that it belongs to
     virgin : the memory is cleared at the first sample, or taken to be
     loops : its half loops
+    noise_v : what was taken out of the drive
     """
 
     drive_v: FloatArray
@@ -61,6 +62,7 @@ class Track:
     unit: tuple[int, ...]
     virgin: bool
     loops: HalfLoops
+    noise_v: float = 0.0
 
     def travel_um(self, block: int) -> float:
         """Travel of the sweep that a block belongs to."""
@@ -82,7 +84,11 @@ class Data:
     conditions: tuple[str, ...]  # of every sweep
     names: tuple[str, ...]
     left_out: list[str] = field(default_factory=list)
-    noise_v: float = 0.0  # that was taken out of the drive
+
+    @property
+    def noise_v(self) -> float:
+        """What was taken out of the drive, at most, volts rms."""
+        return max(t.noise_v for t in self.tracks)
 
     @property
     def samples(self) -> int:
@@ -158,7 +164,7 @@ def prepare(
             chains[-1].append(i)
         else:
             chains.append([i])
-    tracks, noises_v = [], [0.0]
+    tracks = []
     for chain in chains:
         rises = first_rises
         if sweeps[chain[0]].name in not_from_rest:
@@ -167,7 +173,7 @@ def prepare(
                 f"{label(sweeps[chain[0]])}: it begins at rest, but as after an earlier excursion "
                 "that was not recorded: its first rise is not taken for an initiation curve"
             )
-        track = _track([sweeps[i] for i in chain], chain, rises, left_out, noises_v)
+        track = _track([sweeps[i] for i in chain], chain, rises, left_out)
         if track is not None:
             tracks.append(track)
     if not tracks:
@@ -177,9 +183,9 @@ def prepare(
             "the drive never comes back over ground that it has covered",
             "record at least one full cycle",
         )
-    if max(noises_v) > 0.0:
+    if (noise_v := max(t.noise_v for t in tracks)) > 0.0:
         left_out.append(
-            f"the drive is recorded with noise of up to {1e3 * max(noises_v):.2g} mV rms that the "
+            f"the drive is recorded with noise of up to {1e3 * noise_v:.2g} mV rms that the "
             "displacement does not follow: it was taken out, but for the corners"
         )
     return Data(
@@ -187,7 +193,6 @@ def prepare(
         tuple(s.condition or s.name for s in sweeps),
         tuple(s.name for s in sweeps),
         gathered(left_out),
-        max(noises_v),
     )
 
 
@@ -213,11 +218,9 @@ def gathered(notes: Sequence[str]) -> list[str]:
 
 
 def _track(
-    sweeps: list[Sweep], indices: list[int], first_rises: bool, left_out: list[str],
-    noises_v: list[float],
-) -> Track | None:  # fmt: skip
+    sweeps: list[Sweep], indices: list[int], first_rises: bool, left_out: list[str]
+) -> Track | None:
     quieted = [quiet(s.drive_v, s.displacement_um) for s in sweeps]
-    noises_v += [sigma for _, sigma in quieted]
     drive = np.concatenate([v for v, _ in quieted])
     displacement = np.concatenate([s.displacement_um for s in sweeps])
     edges = np.concatenate([[0], np.cumsum([s.samples for s in sweeps])]).astype(int)
@@ -255,7 +258,7 @@ def _track(
         return None
     return Track(
         drive, displacement, tuple(indices), tuple(int(e) for e in edges),
-        tuple(blocks), tuple(unit), virgin, loops,
+        tuple(blocks), tuple(unit), virgin, loops, max(sigma for _, sigma in quieted),
     )  # fmt: skip
 
 
