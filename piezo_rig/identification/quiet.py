@@ -11,7 +11,6 @@ from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import savgol_coeffs
 
 from piezo_rig.chain import dead_band
 from piezo_rig.chain.half_loops import noise
@@ -30,7 +29,8 @@ FOLLOWS = 0.5  # of the mean displacement per volt: noise that the actuator foll
 def _weights(width: int, place: float, order: int) -> tuple[FloatArray, int, float]:
     """Of a window's samples, where the estimate lies, and what is left of white noise in it."""
     at = round(place * (width - 1))
-    weights = savgol_coeffs(width, order, pos=at, use="dot")
+    powers = ((np.arange(width) - at) / width)[:, None] ** np.arange(order + 1)
+    weights = np.linalg.pinv(powers)[0]  # of a polynomial's value at 0 (Savitzky and Golay 1964)
     return weights, at, float(np.sqrt(np.sum(weights**2)))
 
 

@@ -29,6 +29,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.special import stdtrit
 
 from piezo_rig.chain import HalfLoops
 from piezo_rig.identification.curves import Curves
@@ -138,8 +139,6 @@ class Spread:
 
         ``derivative``: shape (q, p), of every quantity by the unknowns.
         """
-        from scipy.stats import t
-
         lean = derivative @ self.root
         pulled = lean @ self.gram  # (u, q, k)
         by_quantity = np.moveaxis(pulled, 0, 1)
@@ -151,7 +150,7 @@ class Spread:
         total = np.sum(lean**2, axis=1)
         freedom = np.full(total.size, MOST_FREEDOM)
         np.divide(total**2, power, out=freedom, where=power > total**2 / MOST_FREEDOM)
-        return np.asarray(t.ppf(0.975, np.maximum(freedom, 1.0)) / NORMAL_975, float)
+        return np.asarray(stdtrit(np.maximum(freedom, 1.0), 0.975) / NORMAL_975, float)
 
 
 def linearised(data: Data, curves: Curves, pieces: tuple[Piece, ...]) -> Normal:
