@@ -28,6 +28,7 @@ from piezo_rig.chain.stage import Parameter, Signal, Stage
 
 TIMES_S = np.logspace(-2.0, 3.0, 11)
 PER_DECADE = 2.0
+UNLIKE = (0.0, *np.geomspace(0.01, 3.0, 60))  # what rates may differ by, of their mean
 SHARES = (
     "share_10ms", "share_32ms", "share_100ms", "share_320ms", "share_1s", "share_3.2s",
     "share_10s", "share_32s", "share_100s", "share_320s", "share_1000s",
@@ -39,6 +40,29 @@ def weights() -> FloatArray:
     each = np.full(TIMES_S.size, 1.0 / PER_DECADE)
     each[[0, -1]] *= 0.5
     return each
+
+
+def mean_rate(each: FloatArray, covariance: FloatArray) -> tuple[float, float, FloatArray]:
+    """Of rates (k,) that are unlike each other: mean, its standard deviation, parts in it (k,).
+
+    By random effects: what rates differ by beyond their errors is a variance of its own, at its
+    restricted likelihood's largest; rates of which the data say little count for little.
+    R. DerSimonian and N. Laird, Control. Clin. Trials 7 (1986) 177, with covariances.
+    """
+    size = max(float(np.mean(np.abs(each))), 1e-300)
+    found: tuple[float, float, FloatArray, float] | None = None
+    for apart in UNLIKE:
+        total = covariance + ((apart * size) ** 2 + (1e-6 * size) ** 2) * np.eye(each.size)
+        inverse = np.linalg.inv(total)
+        weight = inverse.sum(axis=0)
+        part = weight / weight.sum()
+        mean = float(part @ each)
+        off = each - mean
+        worth = -0.5 * (np.linalg.slogdet(total)[1] + np.log(weight.sum()) + off @ inverse @ off)
+        if found is None or worth > found[3]:
+            found = mean, float(weight.sum() ** -0.5), part, float(worth)
+    assert found is not None
+    return found[:3]
 
 
 class Creep(Cause):
@@ -86,21 +110,28 @@ class Creep(Cause):
         return changes + relaxed_rows(time, rows, TIMES_S, self.shares)
 
     def reported(self, covariance: FloatArray) -> dict[str, Parameter]:
-        """The rate, the mean over all decades where they are not even."""
+        """The rate, the mean over decades where they are not even, and shares of that mean."""
         said = super().reported(covariance)
-        names = list(self.parameters)
-        own = [n for n in SHARES if n in self.parameters]
-        if own:
-            even = weights() / weights().sum()
-            mean = float(even @ np.array([self[n] for n in SHARES]))
-            gradient = np.zeros(len(names))
-            gradient[names.index("rate_per_decade")] = mean
-            for n, w in zip(SHARES, even, strict=True):
-                gradient[names.index(n)] = self["rate_per_decade"] * w
-            half = 1.96 * float(np.sqrt(max(float(gradient @ covariance @ gradient), 0.0)))
-            value = self["rate_per_decade"] * mean
-            said["rate_per_decade"] = Parameter(value, "1", (value - half, value + half))
-        return said
+        if not set(SHARES) <= set(self.parameters):
+            return said
+        names, rate = list(self.parameters), self["rate_per_decade"]
+        each = rate * np.array([self[n] for n in SHARES])
+        gradient = np.zeros((each.size, len(names)))
+        gradient[:, names.index("rate_per_decade")] = each / rate if rate else 0.0
+        gradient[range(each.size), [names.index(n) for n in SHARES]] = rate
+        spread = gradient @ covariance @ gradient.T
+        mean, deviation, part = mean_rate(each, spread)
+        if not mean > 0.0:
+            return said
+        relative = (np.eye(each.size) - np.outer(each / mean, part)) / mean
+        deviations = np.sqrt(np.maximum(np.diag(relative @ spread @ relative.T), 0.0))
+        told = {"rate_per_decade": (mean, deviation), **{
+            n: (value / mean, d) for n, value, d in zip(SHARES, each, deviations, strict=True)
+        }}  # fmt: skip
+        return said | {
+            n: Parameter(value, "1", (value - 1.96 * d, value + 1.96 * d) if d > 0 else None)
+            for n, (value, d) in told.items()
+        }
 
     def increment(self, branches: Branches) -> Increment | str:
         return Increment(Operation.RELAX, (float(TIMES_S.size), *TIMES_S, *self.shares))
