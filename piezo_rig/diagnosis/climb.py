@@ -37,7 +37,7 @@ from piezo_rig.diagnosis.likelihood import Likelihood
 from piezo_rig.diagnosis.needed import does_nothing, needless, worth_needed
 from piezo_rig.diagnosis.own_laws import also, loosen
 from piezo_rig.diagnosis.reduction import reduce
-from piezo_rig.diagnosis.refit import Fitted, refit, settle
+from piezo_rig.diagnosis.refit import Fitted, refit, refit_either_way, settle
 from piezo_rig.diagnosis.scan import LATER, LEVEL, Found, Scan, extended, scan
 from piezo_rig.diagnosis.scores import score_generic
 from piezo_rig.diagnosis.space import Space
@@ -351,7 +351,7 @@ class Search:
 
         A level that is stepped over leaves nothing to step back by.
         """
-        fitted = refit(self.space, point, held=True)
+        fitted = refit_either_way(self.space, point)
         if fitted.evidence - here.evidence >= LOST * promised:
             return fitted
         near = refit(self.space, point, steps=1, held=True)

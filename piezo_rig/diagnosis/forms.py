@@ -19,7 +19,7 @@ from piezo_rig.diagnosis.fit import Point
 from piezo_rig.diagnosis.likelihood import Likelihood
 from piezo_rig.diagnosis.linear import Linear
 from piezo_rig.diagnosis.reduction import reduce
-from piezo_rig.diagnosis.refit import Fitted, playable, refit, settle
+from piezo_rig.diagnosis.refit import Fitted, playable, refit, refit_either_way, settle
 from piezo_rig.diagnosis.space import Space
 from piezo_rig.errors import InputError
 
@@ -121,7 +121,7 @@ def begun_in(space: Space, fitted: Fitted, form: Stage) -> Fitted | None:
         return None
     if isinstance(form, Cause) and form.scanned[0] in form.parameters:
         return summit(space, other, form.id)
-    return refit(space, other.point, held=True)
+    return refit_either_way(space, other.point)
 
 
 def further(space: Space, fitted: Fitted, id: str) -> Fitted:

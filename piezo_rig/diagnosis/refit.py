@@ -165,7 +165,7 @@ def _information(
 
 def refit(
     space: Space, point: Point, steps: int = STEPS, held: bool = False,
-    near: Linear | None = None, anew: str = "",
+    near: Linear | None = None, anew: str = "", plain: bool = False,
 ) -> Fitted:
     """Gauss-Newton on all free numbers from a start; scales are profiled on the way.
 
@@ -176,6 +176,7 @@ def refit(
     held : optional parameters, as a law's reach, stay where they are
     near : about a point so near that its tangent serves as well
     anew : but for the parameters of this stage
+    plain : least squares, as if nothing but noise would be left
     """
     settle(space, point)
     linear = space.about(point, near, anew) if near else space.linear(point)
@@ -187,7 +188,7 @@ def refit(
         if q:
             # a fixed model shows effects far above the noise: what the first, linear look leaves
             # of them is no mismatch
-            if step in (0, 2) or (step == 1 and point.fixed):
+            if not plain and (step in (0, 2) or (step == 1 and point.fixed)):
                 scales = _likelihood(point, linear)[0].best_scales(range(-q, 0))
             change, covariance = parameter_step(point, linear, scales, held=held)
             change = _within(point, change)
@@ -208,6 +209,20 @@ def refit(
     evidence = likelihood.evidence(used)
     space.keep(point, linear)
     return Fitted(point, space, covariance, scales, evidence)
+
+
+def refit_either_way(space: Space, point: Point) -> Fitted:
+    """Refitted from a start, optional parameters held.
+
+    A model that is held shows whole effects. Where they go like what it may get wrong, a refit
+    that reckons with that may come to rest far from where it would find nothing wrong: it begins
+    once more where plain least squares ends.
+    """
+    fitted = refit(space, point, held=True)
+    if not point.fixed:
+        return fitted
+    there = refit(space, point, held=True, plain=True).point
+    return max(fitted, refit(space, there, held=True), key=lambda f: f.evidence)
 
 
 def wholly(space: Space, point: Point) -> Fitted:
