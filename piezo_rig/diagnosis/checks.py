@@ -16,12 +16,14 @@ UNLIKE = 0.05  # of the travel: repeats differ by no more
 BAD = 0.3  # of the travel
 FURTHER = 1.3  # times what a given model was off by where it was identified
 BEYOND = 1.1  # times the swing up to which a given model has elements
+LEADS = -0.01  # area of a loop, of the drive's range times the travel
+MOVES_UM_PER_V = 1e-4, 20.0  # a small stack under a volt; a lever of amplified stacks
 FAR_OFF = 3.0  # times the noise, where it was identified
 
 
 def data_warnings(groups: Groups, sweeps: Sequence[Sweep]) -> list[str]:
-    """Repeats that are not repeats."""
-    out = _copies(sweeps)
+    """Repeats that are not repeats, and data that no stack gives."""
+    out = [*_copies(sweeps), *unlike_a_stack(groups)]
     for g in groups.groups:
         if g.repeats < 2:
             continue
@@ -38,6 +40,30 @@ def data_warnings(groups: Groups, sweeps: Sequence[Sweep]) -> list[str]:
                     f"{g.condition} differs from the others by {off:.3g} um rms, "
                     f"{100 * off / travel:.0f} % of the travel{like}"
                 )
+    return out
+
+
+def unlike_a_stack(groups: Groups) -> list[str]:
+    """Loops that are run through the wrong way round, and a travel in other units."""
+    out, moved = list[str](), groups.travel_um / max(groups.span_v, 1e-12)
+    least, most = MOVES_UM_PER_V
+    if not least <= moved <= most:
+        out.append(
+            f"the displacement moves by {moved:.3g} um per volt, which no piezo stack does: "
+            "its column may be in another unit than its name says, or the sensitivity was another"
+        )
+    area, swept = 0.0, 0.0
+    for g in groups.groups:
+        mean = g.measured_um.mean(axis=0)
+        for a, b in g.blocks:
+            v, x = g.drive_v[a:b] - g.drive_v[a], mean[a:b] - mean[a]
+            area += 0.5 * float(v[:-1] @ x[1:] - v[1:] @ x[:-1])
+            swept += 0.5 * float(np.ptp(x)) * float(np.sum(np.abs(np.diff(v))))
+    if area < LEADS * swept:
+        out.append(
+            "the displacement leads the drive, loops are run through the wrong way round: the two "
+            "channels may be swapped, or the drive was recorded late"
+        )
     return out
 
 

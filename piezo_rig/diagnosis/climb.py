@@ -301,12 +301,15 @@ class Search:
         least = min(self.error(0, fitted) for _, _, fitted in rivals)
         return [t for t in tried if t[0] <= 0.0 or self.error(0, t[2]) <= NEAR * least]
 
-    def worse(self, fitted: Fitted, than: Fitted, doubtful: bool = False) -> str | None:
+    def worse(
+        self, fitted: Fitted, than: Fitted, doubtful: bool = False, ways: int | None = None
+    ) -> str | None:
         """Why an extension is refused: it does not carry over; None where it does.
 
-        ``doubtful`` : the evidence is not overwhelming, and the extension must predict better
+        ``doubtful`` : the evidence is not overwhelming, and the extension must predict better;
+        ``ways`` : only the first so many ways of holding out are asked
         """
-        for k, (_, limit) in enumerate(self.held_out):
+        for k, (_, limit) in enumerate(self.held_out[:ways]):
             value, error = self.error(k, fitted), self.error(k, than)
             if value > (1.0 if doubtful and k == 0 else limit) * error:
                 return (
