@@ -15,6 +15,7 @@ from piezo_rig.causes.cause import Cause, FirstSpring
 from piezo_rig.chain import Model, Parameter
 from piezo_rig.diagnosis.abreast import abreast
 from piezo_rig.diagnosis.as_recorded import as_recorded
+from piezo_rig.diagnosis.bursts import bursts
 from piezo_rig.diagnosis.checks import (
     baseline_warnings,
     beyond_its_drives,
@@ -49,7 +50,7 @@ from piezo_rig.diagnosis.reaches import Intervals
 from piezo_rig.diagnosis.refit import Fitted, refit, settle
 from piezo_rig.diagnosis.scan import LEVEL
 from piezo_rig.diagnosis.space import Space
-from piezo_rig.diagnosis.unexplained import unexplained, with_gain, with_line
+from piezo_rig.diagnosis.unexplained import unexplained, with_bursts, with_gain, with_line
 from piezo_rig.diagnosis.unlike import within_what_is_wrong
 from piezo_rig.diagnosis.unsteady import unsteady
 from piezo_rig.errors import InputError
@@ -235,6 +236,7 @@ def _diagnosed(
         find_line(clean, last.point.model), floor,
     )  # fmt: skip
     rest = with_gain(rest, unsteady(space.groups, space.whitener, last.point.model), floor)
+    rest = with_bursts(rest, bursts(space.groups, last.point.model), floor)
     advice = follow_up(space, last, confused)
     if reading is None and any(
         CAUSES[c].place == "drive" for cause, others in confused.items() if others

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from piezo_rig.diagnosis import dictionary
+from piezo_rig.diagnosis.bursts import Bursts
 from piezo_rig.diagnosis.early.lines import Line
 from piezo_rig.diagnosis.likelihood import Likelihood
 from piezo_rig.diagnosis.linear import Linear
@@ -153,6 +154,17 @@ def with_gain(rest: Unexplained, gain: Unsteady | None, floor_nm: float | None) 
     return Unexplained(
         True, min(rest.p_value, gain.p_value), float(np.hypot(rest.rms_nm, gain.rms_nm)),
         rest.allowance_nm, words, f"{rest.text}; {text}" if rest.text else text,
+    )  # fmt: skip
+
+
+def with_bursts(rest: Unexplained, bursts: Bursts | None, floor_nm: float | None) -> Unexplained:
+    """The verdict with noise that is not steady."""
+    if bursts is None or bursts.rms_nm < SEEN * (floor_nm or 0.0):
+        return rest
+    words = [w for w in WORDS if w in {*rest.depends_on, "clock"}]
+    return Unexplained(
+        True, rest.p_value, float(np.hypot(rest.rms_nm, bursts.rms_nm)), rest.allowance_nm, words,
+        f"{rest.text}; {bursts.text}" if rest.text else bursts.text,
     )  # fmt: skip
 
 

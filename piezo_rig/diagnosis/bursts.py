@@ -1,0 +1,96 @@
+"""Stretches in which repeats disagree far more than elsewhere: knocks, a loose lead, a pump.
+
+What repeats disagree by is taken for noise, and noise for steady. A knock that comes once raises
+the noise of everything and shows nowhere else.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from piezo_rig.chain import Model
+from piezo_rig.diagnosis.groups import Group, Groups
+
+FloatArray = NDArray[np.float64]
+LONG = 32  # thinned samples of a stretch
+BELOW = 1.2816  # standard deviations from the median to the tenth percentile
+FEW = 20  # stretches that say nothing of how much they scatter
+STANDS_OUT = 6.0  # standard deviations of the logarithm of a stretch's power
+MOST_TOLD = 3
+
+
+@dataclass(frozen=True)
+class Bursts:
+    """``count`` stretches, noisier by up to ``times``, that add ``rms_nm`` to all recordings.
+
+    ``at`` : condition and seconds since its begin, of the noisiest
+    """
+
+    count: int
+    times: float
+    rms_nm: float
+    at: tuple[tuple[str, float], ...]
+
+    @property
+    def text(self) -> str:
+        places = ", ".join(f"{seconds:.3g} s into {name}" for name, seconds in self.at)
+        return (
+            f"the noise is not steady: up to {self.times:.2g} times as much as elsewhere, "
+            f"{self.rms_nm:.2g} nm rms of all that repeats disagree by, as {places}"
+        )
+
+
+def bursts(groups: Groups, model: Model) -> Bursts | None:
+    """What stands out of the deviations of recordings from the mean of their repeats.
+
+    Stretches are compared by the logarithm of their power, trends taken off. Its scatter is that
+    of the quieter half of the data at hand, whatever the spectrum of their noise. None
+    without repeats, or where nothing stands out.
+    """
+    powers, places = list[FloatArray](), list[tuple[str, float]]()
+    for group in groups.groups:
+        if group.repeats < 2:
+            continue
+        made, seconds = _stretches(groups, group, model)
+        powers += list(made)
+        places += [(group.condition, s) for s in seconds]
+    if len(powers) < FEW:
+        return None
+    every = np.array([p.mean() for p in powers])
+    usual = float(np.median(every))
+    if not usual > 0.0:
+        return None
+    apart = np.log(np.maximum(every, 1e-3 * usual) / usual)
+    scatter = -float(np.percentile(apart, 10.0)) / BELOW
+    out = np.flatnonzero(apart > STANDS_OUT * max(scatter, LONG**-0.5))
+    if not out.size:
+        return None
+    order = out[np.argsort(-every[out])][:MOST_TOLD]
+    excess = float(np.sum(every[out] - usual)) / every.size
+    return Bursts(
+        int(out.size), float(np.sqrt(every[order[0]] / usual)), 1e3 * float(np.sqrt(excess)),
+        tuple(places[k] for k in sorted(order)),
+    )  # fmt: skip
+
+
+def _stretches(
+    groups: Groups, group: Group, model: Model
+) -> tuple[list[FloatArray], list[float]]:
+    """Variances (R,) of every stretch of a group's recordings, um^2, and when each begins."""
+    left = group.at_one_time(model).measured_um
+    left = groups.thinned(group, left - left.mean(axis=0))
+    left = left * np.sqrt(group.repeats / (group.repeats - 1.0))
+    time = groups.thinned(group, group.time_s)
+    level = np.stack([np.ones(LONG), np.linspace(-1.0, 1.0, LONG)])
+    level /= np.linalg.norm(level, axis=1, keepdims=True)
+    found, seconds = list[FloatArray](), list[float]()
+    for a, b in groups.edges(group):
+        for begin in range(a, b - LONG + 1, LONG):
+            rows = left[:, begin : begin + LONG]
+            rows = rows - (rows @ level.T) @ level
+            found.append(np.mean(rows**2, axis=1))
+            seconds.append(float(time[begin] - group.time_s[0]))
+    return found, seconds

@@ -1,0 +1,56 @@
+"""Knocks that come once raise the noise of everything; they are said to be no steady noise."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from piezo_rig.diagnosis import diagnose
+from piezo_rig.diagnosis.bursts import bursts
+from piezo_rig.diagnosis.groups import group_tracks
+from piezo_rig.identification import identify, prepare
+from tests.diagnosis.two_drives import session
+
+
+def steady(number, time):
+    return 0.0 * time
+
+
+def knocked(sweeps, size_um):
+    """A knock that rings at 37 Hz for a tenth of a second, in one of the recordings."""
+    time = np.arange(sweeps[2].sensor_v.size) / sweeps[2].sample_rate
+    since = np.maximum(time - 1.37, 0.0)
+    knock = size_um * np.where(time > 1.37, np.exp(-since / 0.1) * np.sin(232.0 * since), 0.0)
+    return [s.with_(sensor_v=s.sensor_v + knock) if k == 2 else s for k, s in enumerate(sweeps)]
+
+
+def found(sweeps):
+    groups = group_tracks(prepare(sweeps), sweeps)
+    return bursts(groups, identify(sweeps, "classical").model)
+
+
+@pytest.mark.parametrize("colour", ["white", "ar"])
+@pytest.mark.parametrize("seed", range(8))
+def test_steady_noise_has_no_bursts(colour, seed):
+    assert found(session(seed, colour, steady)) is None
+
+
+def test_a_gain_that_wanders_is_no_burst():
+    assert found(session(0, "white", lambda number, time: 1e-3 * np.sin(0.1 * time))) is None
+
+
+def test_a_knock_is_found_where_it_is():
+    told = found(knocked(session(0, "white", steady), 0.1))
+    assert 4 <= told.count <= 10  # stretches of 32 ms, from 100 nm down to a few times 2 nm
+    assert {name for name, _ in told.at} == {"to 70 V"}
+    assert all(1.3 < seconds < 1.5 for _, seconds in told.at)
+    # 0.1 um sin, decaying in 0.1 s: a quarter of 0.1^2 x 0.1 s, of six recordings of four seconds
+    assert told.rms_nm == pytest.approx(1e3 * np.sqrt(0.25 * 0.1**2 * 0.1 / 24.0), rel=0.15)
+
+
+def test_a_diagnosis_calls_it_unexplained_and_names_no_cause():
+    out = diagnose(knocked(session(1, "white", steady), 0.1))
+    assert out.findings == []
+    assert out.unexplained.detected
+    assert "clock" in out.unexplained.depends_on
+    assert "noise is not steady" in out.unexplained.text
