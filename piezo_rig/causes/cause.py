@@ -108,6 +108,7 @@ class Cause(Stage):
     needs_known_order : it can be told only where every recording begins virgin, at a known time,
         and the model has no elements of its own for the first rise
     needs_fixed_model : a model that is refitted takes it in without a trace
+    of_base : it belongs to the base model: found like a cause, never a finding or an alternative
     """
 
     priors: ClassVar[Mapping[str, tuple[float, float]]] = {}
@@ -128,6 +129,7 @@ class Cause(Stage):
     needs_first_rise: ClassVar[bool] = False
     needs_known_order: ClassVar[bool] = False
     needs_fixed_model: ClassVar[bool] = False
+    of_base: ClassVar[bool] = False
 
     @classmethod
     def trials(cls, context: Context) -> list[Stage]:

@@ -14,8 +14,8 @@ from enum import IntEnum
 class Operation(IntEnum):
     """What a stage does to the signal at its place; the numbers that it takes, in order.
 
-    The first four act on the drive, `WIDEN` on what the sliders see of it, the rest on the
-    displacement.
+    The first four and `BEND_DRIVE` act on the drive, `WIDEN` on what the sliders see of it, the
+    rest on the displacement.
     """
 
     GAIN = 0
@@ -40,6 +40,10 @@ class Operation(IntEnum):
     """share of the stroke per decade of cycles"""
     STOP = 10
     """width um to either side, share of the compliance at its ends, whether the share fades (1)"""
+    BEND_DISPLACEMENT = 11
+    """coefficients 1/um and 1/um^2 of its square and cube"""
+    BEND_DRIVE = 12
+    """from V, over V, coefficients V of u (u - 1) and u^2 (u - 1)"""
 
 
 @dataclass(frozen=True)

@@ -69,8 +69,14 @@ class Model:
     def with_stage(self, stage: Stage) -> Model:
         """The model with a stage put in at its place, in the place of one with the same id."""
         kept = [s for s in self.stages if s.id != stage.id]
-        after = [s for s in kept if PLACES.index(s.place) > PLACES.index(stage.place)]
-        return self.with_(stages=(*kept[: len(kept) - len(after)], stage, *after))
+        own = PLACES.index(stage.place)
+        after = [
+            s for s in kept
+            if PLACES.index(s.place) > own
+            or (s.place == stage.place and s.order > stage.order and type(s).act is not Stage.act)
+        ]  # fmt: skip
+        before = [s for s in kept if s not in after]
+        return self.with_(stages=(*before, stage, *after))
 
     def without(self, id: str) -> Model:
         """The model less one stage."""

@@ -120,6 +120,7 @@ class Stage:
     has_elements : whether it carries an element table
     rate_free : whether what it does to the signal knows no clock
     together : whether it acts on all stretches of a signal at once
+    order : among the stages of its place that act; others stand in the order they were put in
     """
 
     id: ClassVar[str] = ""
@@ -132,6 +133,7 @@ class Stage:
     has_elements: ClassVar[bool] = False
     rate_free: ClassVar[bool] = False
     together: ClassVar[bool] = False
+    order: ClassVar[int] = 0
 
     parameters: dict[str, Parameter] = field(default_factory=dict)
     elements: Elements | None = None

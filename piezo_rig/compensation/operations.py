@@ -15,6 +15,7 @@ MEMORY = 16  # floats that an operation remembers at most
 
 # of `Operation`; compiled code reads plain numbers
 GAIN, CLIP, SLEW, LAG, WIDEN, BEND, DRAG, RELAX, MODE, AGE, STOP = range(11)
+BEND_DISPLACEMENT, BEND_DRIVE = 11, 12
 
 
 @numba.njit(cache=True)
@@ -53,6 +54,10 @@ def begin(kind, n, new, x, drive):
     if kind == STOP:
         new[1] = x
         return x
+    if kind == BEND_DISPLACEMENT:
+        return x + x * x * (n[0] + n[1] * x)
+    if kind == BEND_DRIVE:
+        return x + _bent_drive(n, x)
     return x
 
 
@@ -121,6 +126,10 @@ def step(kind, n, cap, cache, old, new, x, drive):
         return _age(n, cap, old, new, x, drive)
     if kind == STOP:
         return _stop(n, old, new, x)
+    if kind == BEND_DISPLACEMENT:
+        return x + x * x * (n[0] + n[1] * x)
+    if kind == BEND_DRIVE:
+        return x + _bent_drive(n, x)
     return x
 
 
@@ -165,6 +174,12 @@ def _drag(n, cap, rate):
 def _bend(n, drive):
     u = (drive - n[0]) / n[1]
     return u * u * (n[2] + u * (n[3] + u * (n[4] + u * n[5])))
+
+
+@numba.njit(cache=True)
+def _bent_drive(n, drive):
+    u = (drive - n[0]) / n[1]
+    return u * (u - 1.0) * (n[2] + n[3] * u)
 
 
 @numba.njit(cache=True)

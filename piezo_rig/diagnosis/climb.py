@@ -38,7 +38,7 @@ from piezo_rig.diagnosis.needed import does_nothing, needless, worth_needed
 from piezo_rig.diagnosis.own_laws import also, loosen
 from piezo_rig.diagnosis.reduction import reduce
 from piezo_rig.diagnosis.refit import Fitted, refit, refit_either_way, settle
-from piezo_rig.diagnosis.scan import LATER, LEVEL, Found, Scan, extended, scan
+from piezo_rig.diagnosis.scan import LATER, LEVEL, Found, Scan, extended, of_base, scan
 from piezo_rig.diagnosis.scores import score_generic
 from piezo_rig.diagnosis.space import Space
 from piezo_rig.diagnosis.spare import NEEDED, clear, faint, idle, one_by_one, prune
@@ -222,7 +222,10 @@ class Search:
                 continue
             if self.masked(here, worth):
                 return True
-            rivals = tuple(result.ids[j] for w, j, _ in tried if j != i and w > worth - NEEDED)
+            rivals = tuple(
+                result.ids[j] for w, j, _ in tried
+                if j != i and w > worth - NEEDED and not of_base(result.ids[j])
+            )
             self.accept(Step(id, float(family[i]), fitted, rivals))
             prune(self)
             self.scan_anew()

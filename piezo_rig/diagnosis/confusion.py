@@ -16,7 +16,7 @@ from piezo_rig.diagnosis.fit import Point
 from piezo_rig.diagnosis.linear import Linear
 from piezo_rig.diagnosis.reduction import Reduced, covariance_of, reduce
 from piezo_rig.diagnosis.refit import Fitted, settle
-from piezo_rig.diagnosis.scan import candidates
+from piezo_rig.diagnosis.scan import candidates, of_base
 from piezo_rig.diagnosis.space import Space
 
 FloatArray = NDArray[np.float64]
@@ -114,7 +114,7 @@ def confusion(space: Space, fitted: Fitted, cause: str) -> Confusion:
     found, _ = candidates(space, less)
     columns: dict[str, list[list[int]]] = {}
     for c in found:
-        if c.id == cause or model.stage(c.id) is not None:
+        if c.id == cause or model.stage(c.id) is not None or of_base(c.id):
             continue
         columns[c.id] = c.columns(len(pairs))
         pairs += c.pairs(less)

@@ -12,7 +12,10 @@ import numpy as np
 
 from piezo_rig.causes import CAUSES, named_model
 from piezo_rig.causes.cause import Cause, FirstSpring
+from piezo_rig.causes.input_bend import InputBend
+from piezo_rig.causes.output_bend import OutputBend
 from piezo_rig.chain import Model, Parameter
+from piezo_rig.chain.bend import Bend
 from piezo_rig.diagnosis.abreast import abreast
 from piezo_rig.diagnosis.as_recorded import as_recorded
 from piezo_rig.diagnosis.bursts import bursts
@@ -23,7 +26,6 @@ from piezo_rig.diagnosis.checks import (
     far_off,
     further_off,
 )
-from piezo_rig.diagnosis.climb import BEND
 from piezo_rig.diagnosis.climbed import climbed
 from piezo_rig.diagnosis.confusion import confusion
 from piezo_rig.diagnosis.early import (
@@ -40,7 +42,7 @@ from piezo_rig.diagnosis.engine import plain_space
 from piezo_rig.diagnosis.first_spring import offset_of, with_offset
 from piezo_rig.diagnosis.fit import Point, starting_model
 from piezo_rig.diagnosis.follow_up import follow_up
-from piezo_rig.diagnosis.found import Diagnosis, Finding, Rung
+from piezo_rig.diagnosis.found import NO_FINDINGS, Diagnosis, Finding, Rung
 from piezo_rig.diagnosis.given import against_lacking
 from piezo_rig.diagnosis.groups import Groups, group_tracks
 from piezo_rig.diagnosis.held_out import Errors, extrapolates, gain, held_out_errors, refold
@@ -60,6 +62,11 @@ from piezo_rig.run_file.sweep import Sweep
 Tell = Callable[[str], None]
 SHARE = 0.2  # of the false alarms that a search of the raw recordings may take
 BELIEVED = 0.9  # of the spread that is believed beforehand: data that leave so much say nothing
+BENDS = {
+    Bend.id: "the actuator's reversible strain is not linear in the drive",
+    InputBend.id: "springs and sliders follow a drive that is not linear in the volts",
+    OutputBend.id: "the displacement is not linear in what springs and sliders add up to",
+}
 EVENTS = ("outliers", "fringe-jump", "dropped-samples")  # nothing foretells them: no gain
 
 
@@ -193,16 +200,13 @@ def _diagnosed(
     spread = search.spread
     model = final_model(last, name, spread)
     confused: dict[str, list[str]] = {}
-    told = [s for s in steps if s.cause != BEND]
+    told = [s for s in steps if s.cause not in NO_FINDINGS]
     apart = dict(zip((s.cause for s in told), abreast(
         space, [partial(confusion, space, last, s.cause) for s in told]
     ), strict=True))  # fmt: skip
     for i, step in enumerate(steps):
-        if step.cause == BEND:
-            notes.append(
-                "the base model has a memoryless bend: the actuator's reversible strain is not "
-                "linear in the drive"
-            )
+        if step.cause in NO_FINDINGS:
+            notes.append(f"the base model has a memoryless bend: {BENDS[step.cause]}")
             continue
         told_apart = apart[step.cause]
         members = [s.cause for s in steps]
@@ -286,7 +290,7 @@ def _rungs(
     """Errors of every rung, and the gain of each against the one before."""
     rungs, count = [], 0
     for i, (added, e) in enumerate(zip(names, errors, strict=True)):
-        mine = i > 0 and added != BEND
+        mine = i > 0 and added not in NO_FINDINGS
         rungs.append(Rung(added, e.rms_nm, e.max_percent, count if mine else None))
         count += mine
     return rungs, [gain(before, after, rng) for before, after in pairwise(errors)]
@@ -297,7 +301,7 @@ def _by_laws_nm(rungs: Sequence[Rung]) -> float:
     square = sum(
         max(before.rms_nm**2 - after.rms_nm**2, 0.0)
         for before, after in pairwise(rungs)
-        if after.added != BEND and not CAUSES[after.added].has_elements
+        if after.added not in NO_FINDINGS and not CAUSES[after.added].has_elements
         and after.added not in EVENTS
     )  # fmt: skip
     return float(np.sqrt(square))

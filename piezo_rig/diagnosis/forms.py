@@ -58,7 +58,7 @@ def begun_best(space: Space, point: Point, id: str, example: Stage, promised: fl
             stage.with_values(**{stage.lasting: seconds})
             for seconds in (length / WIDE, length, length * WIDE) if low < seconds < high
         ]  # fmt: skip
-    large = stage.at_large() if promised > VERY_LARGE else []
+    large = stage.at_large() if promised > VERY_LARGE or stage.of_base else []
     if large:
         worth = _begun_with(space, point, large, _as_begun)
         near = stage.at_large(near=large[int(np.argmax(worth))])

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+from piezo_rig.causes.input_bend import InputBend
+from piezo_rig.causes.output_bend import OutputBend
 from piezo_rig.chain import Model, Parameter
 from piezo_rig.chain.bend import Bend
 from piezo_rig.diagnosis.events import Event
@@ -12,7 +14,10 @@ from piezo_rig.diagnosis.isolability import Workings
 from piezo_rig.diagnosis.unexplained import Unexplained
 
 REFITTED = "refitted"  # the rung from which on a given model follows the data
-NO_FINDINGS = {Bend.id: "part of the base model", REFITTED: "follows the data from here on"}
+NO_FINDINGS = {
+    **dict.fromkeys((Bend.id, InputBend.id, OutputBend.id), "part of the base model"),
+    REFITTED: "follows the data from here on",
+}
 
 
 @dataclass(frozen=True, eq=False)

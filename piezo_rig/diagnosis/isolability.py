@@ -23,7 +23,7 @@ from piezo_rig.diagnosis.confusion import APART, about_less, own_columns, whiten
 from piezo_rig.diagnosis.groups import Groups
 from piezo_rig.diagnosis.reduction import Reduced, covariance_of, reduce
 from piezo_rig.diagnosis.refit import Fitted, changed_um, settle
-from piezo_rig.diagnosis.scan import VISIBLE, candidates
+from piezo_rig.diagnosis.scan import VISIBLE, candidates, of_base
 from piezo_rig.diagnosis.space import Space
 
 FloatArray = NDArray[np.float64]
@@ -78,10 +78,15 @@ def isolability(space: Space, fitted: Fitted) -> Isolability:
     """Cosines among all causes that these data could show, about the final model."""
     settle(space, fitted.point)
     point, model = fitted.point, fitted.point.model
-    members = [s.id for s in model.stages if isinstance(s, Cause) and own_columns(point, s.id)]
+    members = [
+        s.id for s in model.stages
+        if isinstance(s, Cause) and not s.of_base and own_columns(point, s.id)
+    ]
     pairs: list[tuple[Model, Model]] = [(model.without(c), model) for c in members]
     forms: dict[str, list[list[int]]] = {c: [[i]] for i, c in enumerate(members)}
     for candidate in candidates(space, model)[0]:
+        if of_base(candidate.id):
+            continue
         forms[candidate.id] = candidate.columns(len(pairs))
         pairs += candidate.pairs(model)
     own: list[int] = []

@@ -83,7 +83,15 @@ class Scan:
             far = ALIKE * self.excess[order[0]]
             close += [int(i) for i in order
                       if by_speed(self.ids[i]) and self.excess[i] >= far and int(i) not in close]
+        if any(of_base(self.ids[i]) for i in close):  # bends are large: a linear look misleads
+            close += [i for i, id in enumerate(self.ids) if of_base(id) and i not in close]
         return close
+
+
+def of_base(id: str) -> bool:
+    """Whether it belongs to the base model: found like a cause, but no other name for one."""
+    kind = CAUSES[id]
+    return issubclass(kind, Cause) and kind.of_base
 
 
 def by_speed(id: str) -> bool:

@@ -17,6 +17,7 @@ from piezo_rig.diagnosis.fit import Point
 from piezo_rig.diagnosis.ladder import Ladder, Step
 from piezo_rig.diagnosis.needed import needless, worth_needed
 from piezo_rig.diagnosis.refit import Fitted, refit, settle, wholly
+from piezo_rig.diagnosis.scan import of_base
 from piezo_rig.diagnosis.space import Space
 from piezo_rig.diagnosis.unexplained import unexplained
 
@@ -187,7 +188,7 @@ def _unknown_nm(search: Search) -> float:
     square, before = 0.0, search.error(0, search.first)
     for step in search.steps:
         after = search.error(0, step.fitted)
-        if step.cause in CAUSES and not CAUSES[step.cause].has_elements:
+        if step.cause in CAUSES and not (CAUSES[step.cause].has_elements or of_base(step.cause)):
             square += max(before**2 - after**2, 0.0)
         before = after
     by_laws_nm = float(np.sqrt(square))

@@ -18,6 +18,8 @@ from piezo_rig.causes.cycle_aging import CycleAging
 from piezo_rig.causes.direction_asymmetry import DirectionAsymmetry
 from piezo_rig.causes.drive_clipping import DriveClipping
 from piezo_rig.causes.drive_gain import DriveGain
+from piezo_rig.causes.input_bend import InputBend
+from piezo_rig.causes.output_bend import OutputBend
 from piezo_rig.causes.periodic_nonlinearity import HALF_WAVE_UM, PeriodicNonlinearity
 from piezo_rig.causes.rate_dependence import REFERENCE_V_PER_S, RateDependence
 from piezo_rig.causes.remanence import Remanence
@@ -330,6 +332,20 @@ if (x {beyond} s->{end})
     x = s->{end};""")
 
 
+def _output_bend(stage: Stage, at: Place) -> Part:
+    square, cube = number(stage["square"]), number(stage["cube"])
+    return Part(step=f"x = x + x * x * ({square} + {cube} * x);")
+
+
+def _input_bend(stage: Stage, at: Place) -> Part:
+    square, cube = number(stage["square"]), number(stage["cube"])
+    return Part(step=f"""\
+{{
+    double u = (v - {number(stage['from_v'])}) / {number(stage['over_v'])};
+    v += u * (u - 1.0) * ({square} + {cube} * u);
+}}""")
+
+
 def _sensor_scale(stage: Stage, at: Place) -> Part:
     return Part(step=f"x = x / {number(stage['ratio'])};")
 
@@ -366,6 +382,8 @@ PARTS: dict[type[Stage], Callable[[Stage, Place], Part]] = {
     AmplifierLag: _amplifier_lag,
     RateDependence: _rate_dependence,
     Bend: _bend,
+    OutputBend: _output_bend,
+    InputBend: _input_bend,
     DirectionAsymmetry: _direction_asymmetry,
     Creep: _creep,
     CycleAging: _cycle_aging,

@@ -28,6 +28,8 @@ EXTRAS = {
     "extremum-dependence": {"slope": -0.004, "offset": 0.2, "reach": 0.25, "closing": 1.0,
                             "taper": 1.0},
     "direction-asymmetry": {"ratio": 1.1, "reach": 0.4, "closing": 0.5, "taper": 0.0},
+    "input-bend": {"square": -3.0, "cube": 1.0, "from_v": 0.0, "over_v": 75.0},
+    "output-bend": {"square": -0.004, "cube": 2e-4},
     "creep": {"rate_per_decade": 0.02},
     "rate-dependence": {"lag_um": 0.02, "exponent": 1.0, "window_s": 2e-3},
     "resonance": {"share": 0.1, "frequency": 620.0, "damping": 0.03},

@@ -84,6 +84,11 @@ KINDS = {
     "amplifier-lag": stages(of("amplifier-lag", tau=2e-3)),
     "a lag below a sample": stages(of("amplifier-lag", tau=2e-5)),
     "bend": stages(of("bend", **BEND)),
+    "input-bend": stages(
+        of("drive-clipping", lower=3.0, upper=61.0),
+        of("input-bend", square=-3.0, cube=1.0, from_v=-10.0, over_v=90.0)),
+    "output-bend": stages(
+        of("creep", rate_per_decade=0.015), of("output-bend", square=-0.01, cube=0.0004)),
     "creep": stages(of("creep", rate_per_decade=0.015)),
     "creep with shares of its own": stages(
         of("creep", rate_per_decade=0.015, **{n: 0.2 * k for k, n in enumerate(SHARES)})),
