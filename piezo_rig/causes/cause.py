@@ -44,6 +44,7 @@ class Context:
     ends_um : how far the sensor goes below (negative) and above where a sweep begins
     steepest_v_per_s : largest |dV/dt| within a half loop, over some samples
     noise_v : what was taken out of the drive
+    cycles_before : most cycles that were played in recordings before one
     """
 
     model: Model
@@ -59,6 +60,7 @@ class Context:
     ends_um: tuple[float, float] = (0.0, 0.0)
     steepest_v_per_s: float = 0.0
     noise_v: float = 0.0
+    cycles_before: float = 0.0
 
     @property
     def fastest_v_per_s(self) -> float:

@@ -8,9 +8,10 @@ every excursion, so that cycle n travels 1 + rate log10(n) times as far as the f
 the stroke of each cycle is longer (the place where a rise begins stays), or the whole strain
 since rest grows, as the count does.
 
-The count: a cycle is two half loops. A recording that begins virgin begins at one, for the rest
-that clears the memory lets the walls be caught as well; one that carries on counts on. Where the
-history is unknown it begins with the recording.
+The count: a cycle is two half loops. Either it begins anew with every recording, for the rest that
+clears the memory lets the walls be caught as well; or it goes on through the whole session, and
+recordings of one drive differ by when they were made. The data decide where they know the order.
+A recording that carries on counts on in any case.
 
 Shows as: excursions that grow or shrink from cycle to cycle, most between the first and the
 second. Creep moves the middle of the cycles instead, and goes on in holds; a drift goes on at
@@ -34,20 +35,27 @@ from piezo_rig.chain.half_loops import half_loops
 from piezo_rig.chain.increments import Increment, Operation
 from piezo_rig.chain.stage import Signal, Stage
 
+HALF = 0.5
+FORMS: tuple[dict[str, float], ...] = (
+    {"whole": 0.0}, {"whole": 1.0, "begins_at": HALF}, {"whole": 1.0, "begins_at": 1.0},
+)  # fmt: skip
+
 
 class CycleAging(Cause):
     """``rate_per_decade`` of cycles by which the travel changes.
 
     ``whole`` : 1 where the whole strain since rest grows with the count, 0 where the stroke of
-    every cycle does
+    every cycle does; ``session`` : 1 where it counts on from recording to recording;
+    ``begins_at`` : the count at the first sample of a strain that grows, half a cycle where a cycle
+    has its number in its middle, one where it has it at its beginning
     """
 
     id = "cycle-aging"
     place = "actuator"
     law: ClassVar[Mapping[str, float]] = {"cycle": 0.1, "first rise": 0.1}
     units: ClassVar[Mapping[str, str]] = {"rate_per_decade": "1"}
-    optional: ClassVar[Mapping[str, str]] = {"whole": "1"}
-    given: ClassVar[tuple[str, ...]] = ("whole",)
+    optional: ClassVar[Mapping[str, str]] = {"whole": "1", "session": "1", "begins_at": "1"}
+    given: ClassVar[tuple[str, ...]] = ("whole", "session", "begins_at")
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {"rate_per_decade": (-0.3, 0.3)}
 
     def act(self, signal: Signal) -> Signal:
@@ -63,14 +71,26 @@ class CycleAging(Cause):
         """What ageing adds to displacements (..., n) under the drive of a signal."""
         begin = first_measured(signal.time_s)
         count = signal.of_drive.get(self.id, lambda: cycles(signal.drive_v[begin:]))
+        before = np.zeros(1)
+        if self.counts_on and signal.played is not None:
+            (before,) = signal.played
         out = np.zeros_like(x)
         if self._whole:
-            out[..., begin:] = np.log10(np.maximum(count + 0.5, 1.0)) * x[..., begin:]
+            number = np.maximum(count + self._begins_at, 1.0)
+            out[..., begin:] = _decades(number, before) * x[..., begin:]
         else:
             number = np.floor(count[1:]) + 1.0
-            steps = np.log10(number) * np.diff(x[..., begin:], axis=-1)
+            steps = _decades(number, before) * np.diff(x[..., begin:], axis=-1)
             out[..., begin + 1 :] = np.cumsum(steps, axis=-1)
         return self["rate_per_decade"] * out
+
+    @property
+    def counts_on(self) -> bool:
+        return "session" in self.parameters and self["session"] > 0
+
+    @property
+    def _begins_at(self) -> float:
+        return self["begins_at"] if "begins_at" in self.parameters else HALF
 
     @property
     def _whole(self) -> bool:
@@ -83,7 +103,16 @@ class CycleAging(Cause):
 
     @classmethod
     def variants(cls, context: Context) -> list[list[Stage]]:
-        return [[cls.of(None, rate_per_decade=0.002, whole=w)] for w in (0.0, 1.0)]
+        sessions = (0.0, 1.0) if context.cycles_before else (0.0,)
+        return [
+            [cls.of(None, rate_per_decade=0.002, session=session, **form)]
+            for session in sessions for form in FORMS
+        ]  # fmt: skip
+
+
+def _decades(number: FloatArray, before: FloatArray) -> FloatArray:
+    """Decades of a count (n,), the mean over recordings that were played after so many (R,)."""
+    return np.asarray(np.mean([np.log10(number + n) for n in before], axis=0))
 
 
 def cycles(drive_v: FloatArray) -> FloatArray:

@@ -35,8 +35,9 @@ class Drives:
     def of(
         cls, plays: Sequence[tuple[FloatArray, FloatArray, str]],
         reads_um: Sequence[float] | None = None,
+        played: Sequence[FloatArray] | None = None,
     ) -> Drives:  # fmt: skip
-        """From times (n,), drives (n,), histories and readings, as `Model.simulate` takes them.
+        """From times (n,), drives (n,), histories, readings and cycles, as `Model.simulate` does.
 
         Raises
         ------
@@ -53,6 +54,7 @@ class Drives:
             np.concatenate([s.time_s for s, _ in each]),
             np.concatenate([s.drive_v for s, _ in each]), np.zeros(0), ends - sizes,
             reads_um=None if reads_um is None else np.array(reads_um, float),
+            played=None if played is None else tuple(played),
         )  # fmt: skip
         inside: NDArray[np.bool_] | slice = slice(None)
         if before.any():
@@ -74,24 +76,27 @@ def first_measured(time_s: FloatArray) -> int:
 
 
 def begun(
-    time_s: FloatArray, drive_v: FloatArray, history: str, reads_um: float | None = None
-) -> tuple[Signal, int]:
+    time_s: FloatArray, drive_v: FloatArray, history: str, reads_um: float | None = None,
+    played: FloatArray | None = None,
+) -> tuple[Signal, int]:  # fmt: skip
     """The signal before any stage, and how many samples come before the given drive."""
     time, drive = _checked(time_s, drive_v)
     reads = None if reads_um is None else np.array([reads_um])
     if history == "virgin":
-        return at_rest(time, drive, reads), 0
+        return at_rest(time, drive, reads, played), 0
     if not np.all(np.isfinite(drive)):
         refuse_gaps(drive)
     whole = preceded(drive)
     before = whole.size - drive.size
-    return at_rest(long_after(time, before), whole, reads), before
+    return at_rest(long_after(time, before), whole, reads, played), before
 
 
 def at_rest(
-    time_s: FloatArray, drive_v: FloatArray, reads_um: FloatArray | None = None
-) -> Signal:
-    return Signal(time_s, drive_v, np.zeros(0), reads_um=reads_um)
+    time_s: FloatArray, drive_v: FloatArray, reads_um: FloatArray | None = None,
+    played: FloatArray | None = None,
+) -> Signal:  # fmt: skip
+    before = None if played is None else (played,)
+    return Signal(time_s, drive_v, np.zeros(0), reads_um=reads_um, played=before)
 
 
 def long_after(time_s: FloatArray, before: int) -> FloatArray:

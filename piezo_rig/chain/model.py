@@ -112,6 +112,7 @@ class Model:
         memo: Memo | None = None,
         earlier: Sequence[FloatArray] = (),
         reads_um: float | None = None,
+        played: FloatArray | None = None,
     ) -> FloatArray:
         """What the sensor would show of a drive.
 
@@ -131,6 +132,8 @@ class Model:
             first; they matter to a model with a stage that remembers them
         reads_um : what an interferometer's own scale reads at the first sample, where that is
             not the model's displacement; the same for every call with one ``memo``
+        played : shape (R,), cycles that were played before each of the recordings whose mean is
+            asked for, none by default; the same for every call with one ``memo``
 
         Returns
         -------
@@ -141,7 +144,7 @@ class Model:
         if history not in ("virgin", "carried", "unknown"):
             raise InputError("history", f"history {history!r} is not virgin, carried or unknown")
         memo = Memo() if memo is None else memo
-        signal, before = memo.begun(lambda: begun(time_s, drive_v, history, reads_um))
+        signal, before = memo.begun(lambda: begun(time_s, drive_v, history, reads_um, played))
         drive = signal.drive_v[before:]
         active = [s for s in self.stages if s.locked_to == "drive"]
         if any(s.units or s.place == "drive" for s in active) and not signal.of_drive.get(
@@ -157,7 +160,9 @@ class Model:
                 before, key = before + left.size, (*key, id(stage))
             if key:
                 time = long_after(signal.time_s, before)
-                signal = memo.get(self, ("begun", *key), lambda: at_rest(time, volts))
+                signal = memo.get(
+                    self, ("begun", *key), lambda: at_rest(time, volts, played=played)
+                )
         signal = self._play(signal, free_end, memo, key)
         displacement = signal.displacement_um[before:]
         # one bad sample makes all that follow it bad: looking at the last is enough
@@ -197,6 +202,11 @@ class Model:
         """Stages that know of drives before this one, and can make a virgin model remember them."""
         own = any(s.has_elements and not isinstance(s, Maxwell) for s in self.stages)
         return [] if own else [s for s in self.stages if type(s).preface is not Stage.preface]
+
+    @property
+    def counts_on(self) -> bool:
+        """Whether it matters how many cycles were played in recordings before."""
+        return any(s.counts_on for s in self.stages)
 
     def _play(
         self, signal: Signal, free_end: bool, memo: Memo, key: tuple[object, ...] = ()

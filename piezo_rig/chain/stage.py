@@ -65,7 +65,8 @@ class Signal:
     are played at once as one signal. ``of_drive`` keeps what stages make of time and drive alone,
     ``of_displacement`` what they make of the displacement too. ``reads_um`` : shape (k,), what an
     interferometer's own scale reads where each stretch begins to be measured; None where its zero
-    is the model's.
+    is the model's. ``played`` : for each stretch the cycles that were played before it, one number
+    for each recording whose mean it stands for; None where it is the first.
     """
 
     time_s: FloatArray
@@ -75,18 +76,20 @@ class Signal:
     of_drive: Kept = field(default_factory=Kept, repr=False)
     of_displacement: Kept = field(default_factory=Kept, repr=False)
     reads_um: FloatArray | None = None
+    played: tuple[FloatArray, ...] | None = None
 
     def with_drive(self, drive_v: FloatArray) -> Signal:
         """The signal with another drive."""
         return Signal(
-            self.time_s, drive_v, self.displacement_um, self.begins, reads_um=self.reads_um
-        )
+            self.time_s, drive_v, self.displacement_um, self.begins, reads_um=self.reads_um,
+            played=self.played,
+        )  # fmt: skip
 
     def with_displacement(self, displacement_um: FloatArray) -> Signal:
         """The signal with another displacement."""
         return Signal(
             self.time_s, self.drive_v, displacement_um, self.begins, self.of_drive,
-            reads_um=self.reads_um,
+            reads_um=self.reads_um, played=self.played,
         )  # fmt: skip
 
     @property
@@ -96,10 +99,11 @@ class Signal:
             return [self]
         known = self.of_drive.get("stretches", lambda: [Kept() for _ in self.begins])
         ends = [*self.begins[1:].tolist(), self.time_s.size]
-        reads = self.reads_um
+        reads, played = self.reads_um, self.played
         return [
             Signal(self.time_s[a:b], self.drive_v[a:b], self.displacement_um[a:b], of_drive=kept,
-                   reads_um=None if reads is None else reads[k : k + 1])
+                   reads_um=None if reads is None else reads[k : k + 1],
+                   played=None if played is None else played[k : k + 1])
             for k, (a, b, kept) in enumerate(zip(self.begins.tolist(), ends, known, strict=True))
         ]  # fmt: skip
 
@@ -188,6 +192,11 @@ class Stage:
         only shapes them.
         """
         return "its effect on a sample needs more than the samples before it"
+
+    @property
+    def counts_on(self) -> bool:
+        """Whether it matters how many cycles were played in recordings before this one."""
+        return False
 
     @property
     def passes(self) -> bool:

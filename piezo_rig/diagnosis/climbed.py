@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from piezo_rig.causes.cause import Cause
 from piezo_rig.chain import Model
 from piezo_rig.diagnosis import engine
-from piezo_rig.diagnosis.alike import differ, of_one_history, plainly_remembering
+from piezo_rig.diagnosis.alike import differ, numbers_apart, of_one_history, plainly_apart
 from piezo_rig.diagnosis.climb import climb
 from piezo_rig.diagnosis.early import Reading, noise_floor_nm
 from piezo_rig.diagnosis.fit import Point
@@ -27,7 +27,6 @@ from piezo_rig.diagnosis.held_out import (
     reported_kind,
 )
 from piezo_rig.diagnosis.ladder import Ladder, Step
-from piezo_rig.diagnosis.left_before import left_before
 from piezo_rig.diagnosis.monitored import corrected, freed, taken_in
 from piezo_rig.diagnosis.over_scales import over_scales
 from piezo_rig.diagnosis.reaches import Intervals, at_their_reaches
@@ -86,7 +85,8 @@ def climbed(
     """The ladder of recordings that are clean of events and hum.
 
     Recordings of one drive that were played after different ones are no repeats where memory is
-    left. What is left is fitted, and they are compared as if played after the same ones.
+    left, or where the actuator ages with every cycle. That is fitted, and they are compared as if
+    played after the same ones.
 
     Parameters
     ----------
@@ -94,12 +94,12 @@ def climbed(
     reading : of the drive monitor
     brief : whether a model that explains most is all that is asked for, if there is more to explain
     """
-    known, left = plainly_remembering(clean, start.model), tuple[float, ...]()
+    known, left = plainly_apart(clean, start.model), tuple[float, ...]()
     same = clean if known is None else of_one_history(clean, known)
     for _ in range(ROUNDS):
         out = _climbed(same, start, rng, tell, others, reading, brief)
         last = out.ladder.last.point.model
-        before, left = left, left_before(last)
+        before, left = left, numbers_apart(last)
         if known is not None and not differ(clean, last):
             return _climbed(clean, start, rng, tell, others, reading, brief)
         if not differ(clean, last) or _near(before, left):

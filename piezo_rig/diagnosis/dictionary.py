@@ -104,7 +104,8 @@ def through(model: Model, group: Group, columns: FloatArray) -> FloatArray:
     moved = base.simulate(group.time_s, group.drive_v, group.history)
 
     reads = None if group.reads_um is None else np.array([group.reads_um])
-    signal = Signal(group.time_s, group.drive_v, moved, reads_um=reads)
+    played = None if group.played is None else (group.played,)
+    signal = Signal(group.time_s, group.drive_v, moved, reads_um=reads, played=played)
     for stage in stages:
         columns = stage.carry(signal, columns)
         signal = stage.act(signal)

@@ -54,6 +54,8 @@ class Group:
     after : for every recording which of those it was played after; empty where they were made alike
     fine : ranges of samples that are not thinned
     reads_um : what the interferometer's own scale reads at the first sample; None: the model's
+    played : shape (R,), cycles of the session before each recording; None where nobody knows
+    alike : whether the recordings were made as if played after the mean of what they were
     """
 
     time_s: FloatArray
@@ -70,6 +72,8 @@ class Group:
     fine: Ranges = ()
     begun_s: float = 0.0
     reads_um: float | None = None
+    played: FloatArray | None = None
+    alike: bool = False
     memo: Memo = field(default_factory=Memo, init=False, repr=False)
     memos: dict[int, Memo] = field(default_factory=dict, init=False, repr=False)
 
@@ -96,8 +100,9 @@ class Group:
                 moved += share * self._after(model, k)
         else:
             moved = model.simulate(
-                self.time_s, self.drive_v, self.history, memo=self.memo, reads_um=self.reads_um
-            )
+                self.time_s, self.drive_v, self.history, memo=self.memo, reads_um=self.reads_um,
+                played=self.played,
+            )  # fmt: skip
         if any(s.locked_to == "clock" for s in model.stages):
             moved = moved + self.by_the_clock(model)
         return moved
@@ -126,14 +131,41 @@ class Group:
 
     def _after(self, model: Model, k: int) -> FloatArray:
         """What the sensor would show after some of the drives before, but for the clock."""
+        played = self.played
+        if played is not None and self.after:
+            played = played[np.array(self.after) == k]
         return model.simulate(
             self.time_s, self.drive_v, self.history,
-            memo=self.memos.setdefault(k, Memo()), earlier=self.earlier[k][1],
+            memo=self.memos.setdefault(k, Memo()), earlier=self.earlier[k][1], played=played,
+        )  # fmt: skip
+
+    def _each(self, model: Model) -> FloatArray:
+        """What the sensor would show of every recording, but for the clock, shape (R, n)."""
+        if not self._counts(model):
+            return np.array([self._after(model, k) for k in range(len(self.earlier))])[
+                list(self.after)
+            ]
+        assert self.played is not None
+        after = self.after or (0,) * self.repeats
+        return np.array([
+            model.simulate(
+                self.time_s, self.drive_v, self.history,
+                memo=self.memos.setdefault(-1 - row, Memo()), reads_um=self.reads_um,
+                earlier=self.earlier[after[row]][1] if self.earlier else (),
+                played=self.played[row : row + 1],
+            ) for row in range(self.repeats)
+        ])  # fmt: skip
+
+    def _counts(self, model: Model) -> bool:
+        """Whether the recordings differ by how many cycles a model counts before each."""
+        return (
+            model.counts_on and self.played is not None and not self.alike
+            and bool(np.ptp(self.played) > 0.0)
         )  # fmt: skip
 
     def remembers(self, model: Model) -> bool:
         """Whether the recordings differ by what a model says is left of those before."""
-        return len(set(self.after)) > 1 and bool(model.remembering)
+        return (len(set(self.after)) > 1 and bool(model.remembering)) or self._counts(model)
 
     def predicted_of(self, model: Model, rows: Sequence[int]) -> FloatArray:
         """`predicted` of some of the recordings."""
@@ -142,17 +174,18 @@ class Group:
             own = np.array([self.clocked(model, row) for row in every])
             moved = moved + own[list(rows)].mean(axis=0) - own.mean(axis=0)
         if self.remembers(model):
-            own = np.array([self._after(model, k) for k in range(len(self.earlier))])
-            at = np.array(self.after)
-            moved = moved + own[at[list(rows)]].mean(axis=0) - own[at].mean(axis=0)
+            own = self._each(model)
+            moved = moved + own[list(rows)].mean(axis=0) - own.mean(axis=0)
         return moved
 
     def of_one_history(self, model: Model) -> Group:
         """As if all had been played after the mean of what they were played after."""
         if not self.remembers(model):
             return self
-        own = np.array([self._after(model, k) for k in range(len(self.earlier))])[list(self.after)]
-        return replace(self, measured_um=self.measured_um + own.mean(axis=0) - own, after=())
+        own = self._each(model)
+        return replace(
+            self, measured_um=self.measured_um + own.mean(axis=0) - own, after=(), alike=True
+        )
 
     def at_one_time(self, model: Model) -> Group:
         """As if every recording had been made at the mean of their times, after the same drives."""
@@ -327,11 +360,14 @@ def group_tracks(data: Data, sweeps: Sequence[Sweep]) -> Groups:
                 break
         else:
             found.append([track])
-    earlier = _earlier(data, sweeps)
+    earlier, played = _earlier(data, sweeps), _played(data, sweeps)
     begun = min(s.start_time for s in sweeps)
     groups = tuple(
-        _after_others(replace(_group(members, sweeps, data), begun_s=begun),
-                      [earlier[t.sweeps] for t in members] if earlier else [])
+        _after_others(
+            replace(_group(members, sweeps, data), begun_s=begun,
+                    played=np.array([played[t.sweeps] for t in members]) if played else None),
+            [earlier[t.sweeps] for t in members] if earlier else [],
+        )
         for members in found
     )  # fmt: skip
     offset = float(np.median([s.offset_v for s in sweeps]))
@@ -375,6 +411,19 @@ def _earlier(
         track = data.tracks[k]
         out[track.sweeps] = tuple(known[-LOOKED_BACK:])
         known.append(track.drive_v[np.append(track.loops.start, track.drive_v.size - 1)])
+    return out
+
+
+def _played(data: Data, sweeps: Sequence[Sweep]) -> dict[tuple[int, ...], float]:
+    """Cycles of the session before every track; empty where nobody knows the order."""
+    starts = [sweeps[t.sweeps[0]].start_time for t in data.tracks]
+    if len(data.tracks) < 2 or len(set(starts)) < len(starts):
+        return {}
+    count, out = 0.0, {}
+    for k in np.argsort(starts):
+        track = data.tracks[k]
+        out[track.sweeps] = count
+        count += 0.5 * len(track.loops)
     return out
 
 

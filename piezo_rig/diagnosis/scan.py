@@ -122,7 +122,9 @@ def context_of(space: Space, model: Model) -> Context:
         _ends_um(space.groups, model),
         _steepest(space.groups),
         space.groups.noise_v,
-    )
+        max((float(g.played.max()) for g in space.groups.groups if g.played is not None),
+            default=0.0),
+    )  # fmt: skip
 
 
 def _ends_um(groups: Groups, model: Model) -> tuple[float, float]:

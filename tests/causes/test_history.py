@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
@@ -72,16 +74,41 @@ def test_ageing_carries_small_changes_as_it_carries_all():
             assert found == pytest.approx(alone, abs=1e-12)
 
 
-def test_ageing_is_looked_for_in_both_of_its_forms():
+@pytest.mark.parametrize("whole", [0.0, 1.0])
+def test_a_session_counts_on_and_a_mean_is_that_of_its_recordings(whole):
+    stage = CAUSES["cycle-aging"].of(None, rate_per_decade=0.02, whole=whole, session=1.0)
+    before = (np.array([9.0, 99.0]),)
+    x = stage.act(Signal(TIME, TEN, 0.1 * TEN, played=before)).displacement_um
+    decades = [0.5 * (np.log10(n + 9.0) + np.log10(n + 99.0)) for n in range(1, 11)]
+    assert x[100::200] == pytest.approx(5.0 * (1.0 + 0.02 * np.array(decades)))
+    anew = stage.with_values(session=0.0)
+    assert np.array_equal(
+        anew.act(Signal(TIME, TEN, 0.1 * TEN, played=before)).displacement_um,
+        anew.act(Signal(TIME, TEN, 0.1 * TEN)).displacement_um,
+    )
+
+
+def test_a_cycle_may_have_its_number_at_its_beginning():
+    x = aged(0.1 * TEN, rate_per_decade=0.02, whole=1.0, begins_at=1.0)
+    numbers = np.arange(1, 11) + 0.5
+    assert x[100::200] == pytest.approx(5.0 * (1.0 + 0.02 * np.log10(numbers)))
+
+
+@pytest.mark.parametrize(("before", "forms"), [(0.0, 3), (12.0, 6)])
+def test_ageing_is_looked_for_in_all_of_its_forms(before, forms):
     kind = CAUSES["cycle-aging"]
     assert issubclass(kind, Cause)
     model = Model((Maxwell.of(Elements.from_curve(np.array([60.0]), np.array([0.1]))),))
     plain = model.simulate(TIME, TEN)
-    context = Context(model, 5.0, 50.0, np.array([100.0]), 5e-3, 10.0, 200.0)
-    changes = [model.with_stage(t).simulate(TIME, TEN) - plain
-               for (t,) in kind.variants(context)]  # fmt: skip
-    assert len(changes) == 2
-    assert not np.allclose(changes[0], changes[1])
+    context = Context(
+        model, 5.0, 50.0, np.array([100.0]), 5e-3, 10.0, 200.0, cycles_before=before
+    )
+    changes = [
+        model.with_stage(t).simulate(TIME, TEN, played=np.array([before])) - plain
+        for (t,) in kind.variants(context)
+    ]
+    assert len(changes) == forms
+    assert not any(np.allclose(a, b) for a, b in pairwise(changes))
     assert all(0.0 < np.max(np.abs(c)) < 0.05 for c in changes)
 
 

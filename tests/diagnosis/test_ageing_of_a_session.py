@@ -1,0 +1,54 @@
+"""An actuator that ages with every cycle of the session, whatever recording it belongs to."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from piezo_rig.diagnosis import diagnose
+from tests.diagnosis.small_bench import CONDITIONS, recordings
+
+CYCLES = 3  # of every recording, as `small_bench` plays them
+
+
+def aged(rate, begins_anew=False):
+    """An effect on the strain of one recording after the other; ramps count as well."""
+    played = [0.0]
+
+    def effect(x, drive, t):
+        way = np.cumsum(np.abs(np.diff(drive, prepend=drive[0])))
+        turns = np.flatnonzero(np.diff(np.sign(np.diff(drive))) != 0).size + 1
+        count = 0.5 * turns * way / way[-1]
+        before = 0.0 if begins_anew else played[0]
+        played[0] += 0.5 * turns
+        return x * (1.0 + rate * np.log10(1.0 + before + count))
+
+    return effect
+
+
+def shuffled(seed=3):
+    order = np.random.default_rng(seed).permutation(len(CONDITIONS))
+    return tuple(CONDITIONS[k] for k in order)
+
+
+@pytest.mark.parametrize("rate", [0.004, -0.002])
+def test_ageing_through_a_session_is_named_and_sized(rate):
+    found = diagnose(recordings(aged(rate), conditions=shuffled()))
+    (finding,) = found.findings
+    assert finding.cause == "cycle-aging"
+    assert finding.parameters["session"].value == 1.0
+    assert finding.parameters["rate_per_decade"].value == pytest.approx(rate, rel=0.1)
+    assert not found.unexplained.detected
+    # what repeats differ by through it is no noise
+    assert found.noise_floor_nm == pytest.approx(2.0, rel=0.05)
+
+
+def test_ageing_that_begins_anew_is_told_from_it():
+    found = diagnose(recordings(aged(0.006, begins_anew=True), conditions=shuffled()))
+    (finding,) = found.findings
+    assert finding.cause == "cycle-aging"
+    assert finding.parameters["session"].value == 0.0
+
+
+def test_nothing_ages_in_an_actuator_that_does_not():
+    assert diagnose(recordings(conditions=shuffled())).findings == []
