@@ -50,6 +50,7 @@ def bursts(groups: Groups, model: Model) -> Bursts | None:
     of the quieter half of the data at hand, whatever the spectrum of their noise. None
     without repeats, or where nothing stands out.
     """
+    groups = groups.evenly()  # single samples beside corners are noisier than averages
     powers, places = list[FloatArray](), list[tuple[str, float]]()
     for group in groups.groups:
         if group.repeats < 2:
