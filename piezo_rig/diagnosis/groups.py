@@ -249,6 +249,11 @@ class Groups:
         return max(g.repeats for g in self.groups)
 
     @property
+    def samples(self) -> int:
+        """Of all recordings, as they were recorded."""
+        return sum(g.repeats * (b - a) for g in self.groups for a, b in g.blocks)
+
+    @property
     def travel_um(self) -> float:
         return max(float(np.ptp(g.measured_um[0, a:b])) for g in self.groups for a, b in g.blocks)
 

@@ -23,7 +23,7 @@ from piezo_rig.errors import InputError
 
 FloatArray = NDArray[np.float64]
 LEVEL = 0.005  # family-wise chance of a false alarm; at 0.01, 4 or 5 of 270 nulls raised one
-LATER = 0.002  # for each finding after the first: there are several looks
+LATER = 1e-5  # for each after the first: what it is compared with has laws that are only assumed
 CLOSE, RUN_OFF = 0.4, 3  # share of the best score, and how many are refitted to compare
 ALIKE = 0.25  # the same of what looks alike but beside corners
 PLAIN = 300.0  # log-likelihood above which a whole effect is looked for between its examples

@@ -24,11 +24,12 @@ WORDS = ("drive", "displacement", "direction", "range", "time_since_turn", "cycl
          "frequency")  # fmt: skip
 LINES = 0.2  # of the false alarms that a line may take, and a gain
 SEEN = 0.1  # of the noise floor: an unsteady gain that is worth a word
-OF_LAWS = 0.03  # of what accepted causes explain, up to the noise: no law is known better
+OF_LAWS = 0.05  # of what accepted causes explain, up to the noise: no law is known better
 SHARE = 0.2  # of the structured power that a tag must carry to be named
 # of the noise, that structure must exceed: where it was measured between repeats, and where it was
 # estimated from what is left, so that slow noise and slow structure are told apart by assumption
 LEAST, LEAST_ALONE = 0.02, 0.1
+FAINT = 20.0  # d' in white noise, of all samples, below which structure is not worth a word
 BEYOND = 0.7  # of the noise floor, by which what repeats share may be missed
 LUMPS = 1.5e-4  # of the travel: what elements that are lumps leave of a smooth actuator
 LEFT_IN_DRIVE = 0.4  # of the noise that was taken out of the drive
@@ -78,6 +79,7 @@ def unexplained(
     travel_nm = 1e3 * space.groups.travel_um
     of_drive = _of_drive_nm(space)
     least = LEAST if all(g.repeats > 1 for g in space.groups.groups) else LEAST_ALONE
+    least = max(least, FAINT / np.sqrt(space.groups.samples))
     allowance = float(np.linalg.norm(
         [max(mismatch, least * noise_nm, known), 3e-6 * travel_nm, of_laws, of_drive]
     ))  # fmt: skip

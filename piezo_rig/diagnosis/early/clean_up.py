@@ -14,7 +14,7 @@ import numpy as np
 
 from piezo_rig.chain import Model, Parameter
 from piezo_rig.diagnosis.early.breaks import Breaks, find_breaks
-from piezo_rig.diagnosis.early.hum import find_hum, hum_of_residual, removed
+from piezo_rig.diagnosis.early.hum import Hum, find_hum, hum_of_residual, removed
 from piezo_rig.diagnosis.early.mended import DROP, JUMP, Break, mended
 from piezo_rig.diagnosis.early.reported import events_of, reported
 from piezo_rig.diagnosis.early.spikes import find_spikes
@@ -27,6 +27,7 @@ HUM = "mains-hum"
 TRIED = ("outliers", JUMP, DROP, HUM)
 BETTER = 0.999  # squared error of the baseline after mending, of that before
 JOINTLY = 6  # turns of fitting base and hum
+SUSPECTED = 0.05  # chance of a line, below which it is looked at beside a base that is free of it
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,6 +117,8 @@ def clean_up(
         clean = mended(before, [g.predicted(point.model) for g in clean.groups], breaks.breaks)
         found[-1] = replace(found[-1], groups=clean)
         hum = find_hum(clean, point.model)
+    if hum is None or not hum.p_value * count < level:
+        hum = _given_back(clean, point, refitted)
     if hum is not None and hum.p_value * count < level:
         noisy = clean
         for _ in range(JOINTLY):  # what the base model took of it is given back
@@ -125,6 +128,25 @@ def clean_up(
         parameters = dict(hum.stage().parameters)
         found.append(Early(HUM, hum.p_value * count, parameters, hum.groups))
     return found, point
+
+
+def _given_back(
+    noisy: Groups, point: Point, refitted: Callable[[Groups, Point], Point]
+) -> Hum | None:
+    """Hum that begins in step with every recording, beside a base that has not followed it.
+
+    A base of many elements follows much of such a hum, in every drive another part, and what it
+    makes of it is in all harmonics of the drive: the line that is left hardly stands out.
+    """
+    hum = hum_of_residual(noisy, point.model)
+    if hum is None or hum.p_value > SUSPECTED:
+        return None
+    for _ in range(JOINTLY):
+        point = refitted(hum.groups, point)
+        hum = hum_of_residual(noisy, point.model)
+        if hum is None:
+            return None
+    return hum
 
 
 def hum_behind(clean: Groups, model: Model, level: float, count: int) -> Early | None:
