@@ -335,7 +335,9 @@ def parameters_of(
     said = {n: _spread(p, spread.get((cause, n))) for n, p in said.items()}
     if stage.bending:
         at = said[stage.bending]
-        said[stage.bending] = as_recorded(fitted.space.groups, fitted.point.model, at)
+        said[stage.bending] = as_recorded(
+            fitted.space.groups, fitted.point.model, at, 1e-3 * fitted.space.sample_noise_nm
+        )
     return said
 
 
@@ -382,15 +384,16 @@ def final_model(fitted: Fitted, name: str, spread: Intervals) -> Model:
 def recording_offsets(
     space: Space, groups: Groups, fitted: Fitted, sweeps: Sequence[Sweep]
 ) -> list[tuple[str, float]]:
-    """Offset of every source against the model as the first source alone fits it.
+    """Offset of every source against the model; of the first none.
 
-    As all fit it, where what the first one says of a law cannot be played further out.
+    Where memories are not known, against the model as the first source alone fits it, if that can
+    be played further out.
     """
     found: dict[str, list[float]] = {}
     sources = [{Path(sweeps[i].source).name for m in g.sweeps for i in m} for g in groups.groups]
     train = [k for k, p in enumerate(space.pieces) if sources[p.group] & sources[0]]
     model = fitted.point.model
-    if len(train) < len(space.pieces):
+    if len(train) < len(space.pieces) and not all(g.virgin for g in groups.groups):
         model = refold(fitted.point, fitted, train).model
     try:
         places = [model.place_um(g.drive_v, g.history) for g in groups.groups]
