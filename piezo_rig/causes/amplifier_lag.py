@@ -8,6 +8,9 @@ of less than a third of a sampling step looks like a delay there as well.
 Shows as: loops that open in proportion to the speed of the drive, and rounded corners. Against a
 plain delay it differs only in the corners, within a few tau of them.
 
+Remedy: An amplifier with more current, or slower drives; `compensate` leads the drive by it.
+Nothing is wrong with the stack.
+
 Plausible: 15-150 us; milliseconds for slow amplifiers.
 """
 

@@ -7,6 +7,9 @@ so the error begins at zero with each.
 Shows as: a lag of the record behind the drive that grows linearly with time within a sweep, the
 same in every repeat. A constant lag is a time skew.
 
+Remedy: Run generator and digitizer from one reference clock; until then keep recordings short, or
+let the model of the record put it right.
+
 Plausible: 1-100 ppm between instruments; 20 ppm are one sample of 5 kHz after 10 s.
 """
 

@@ -11,6 +11,9 @@ on, 1 being the even share) and reports the mean rate.
 Shows as: holds that are not flat, later cycles that ride up after the first, loops that open at
 low frequency. With conditions in ascending order it looks much like thermal drift.
 
+Remedy: Nothing is broken: wait after large steps, close the loop, or let `compensate` foresee it
+with the saved model.
+
 Plausible: 1-2 % of the displacement change per decade.
 """
 

@@ -18,6 +18,9 @@ second. Creep moves the middle of the cycles instead, and goes on in holds; a dr
 rest. The first rise belongs to the first cycle: where nothing but a first cycle and few later
 ones is played it looks like an initiation stage.
 
+Remedy: Play some ten cycles before a measurement that counts, and record in random order, so that
+ageing is not taken for what the order changes.
+
 Plausible: 0.2-2 % of the travel per decade.
 """
 

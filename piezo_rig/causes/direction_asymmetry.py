@@ -16,6 +16,8 @@ back until twice that, and what a smaller loop gains it gives back itself.
 Shows as: a difference between half loops right after the turning point that
 follows the direction and nothing else.
 
+Remedy: Use the saved model for both directions, or approach every position from the same side.
+
 Plausible: ratios of 0.9 to 1.1.
 """
 

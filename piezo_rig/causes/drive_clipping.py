@@ -8,6 +8,9 @@ hysteresis starts back from the limit: behind the flat stretch the displacement 
 turning point, steeply or not by its history. A clipped sensor hides a motion that went on; where
 it lets go, the actuator is long on its way back.
 
+Remedy: Stay within the limits that are named, or raise the amplifier's rail; what was asked for
+beyond them was never played.
+
 Plausible: the last few volts of the range.
 """
 

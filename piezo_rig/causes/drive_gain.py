@@ -12,6 +12,9 @@ thresholds along and hides it completely; only a model of the same actuator that
 can show it. The displacement grows too, nearly as with a wrong sensitivity; what tells the two
 apart is where, after a turning point, the elements give way.
 
+Remedy: Measure the drive with a voltmeter and run `calibrate`; put the new gain into the rig's
+config.
+
 Plausible: 0.1-5 %; a factor where the amplifier's range was set wrongly.
 """
 

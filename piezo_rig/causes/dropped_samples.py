@@ -7,6 +7,9 @@ as commanded it leads by a whole number of samples.
 Shows as: a lead that begins within a sample and stays to the end of the sweep, in proportion to
 the velocity; nothing while the actuator stands still. Repeats do not share it.
 
+Remedy: Look at the digitizer's buffer and its link; the places are listed, and what follows each is
+shifted. Record again if it matters.
+
 Plausible: single samples to whole blocks of some hundreds; 1 sample of 5 kHz is 8 nm at 40 um/s.
 """
 

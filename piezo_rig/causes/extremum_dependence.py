@@ -7,6 +7,8 @@ offset, with the displacement at which the first element gives way unchanged.
 Shows as: half loops that begin at different drives differ right after the
 turning point although their ranges agree.
 
+Remedy: Nothing is broken: use the saved model, which knows it, in place of the classical one.
+
 Plausible: thesis (Appendix B), 9.5e-4 V/um per V and -0.085 V/um; r-squared 0.03.
 """
 

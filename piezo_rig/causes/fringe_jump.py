@@ -6,6 +6,9 @@ velocity beyond its bandwidth costs it some. HeNe at 632.8 nm: 79.1 nm a step.
 Shows as: a step of a whole multiple of 79.1 nm from one sample to the next, which stays. Nothing
 else of this bench moves by whole multiples: hum and lost samples make steps of any size.
 
+Remedy: Check alignment, beam and reflectivity at the times that are listed; the interferometer lost
+count. Positions after a jump are off by it.
+
 Plausible: one in a recording, after a knock several; 1 to some tens of steps.
 """
 

@@ -8,6 +8,9 @@ therefore steeper or flatter than the matching parts of all later half loops
 Shows as: a misfit on the first rise and on every excursion beyond the largest
 past drive, none elsewhere. Needs a first rise from rest in the data.
 
+Remedy: Play one full cycle before a measurement, or use the saved model, which has a first rise of
+its own.
+
 Plausible: slopes that differ by 5 to 50 % from those of later cycles.
 """
 

@@ -7,6 +7,9 @@ differ by it (unless they begin in step with the mains).
 Shows as: narrow lines at 50, 150, 250 (60, 180, 300) Hz. A 2 Hz drive has lines there too:
 averages over cycles or repeats do not tell them apart, differences between repeats do.
 
+Remedy: Look for ground loops, cables beside power lines, and supplies at the sensor; a hum of the
+drive itself would show in the drive monitor.
+
 Plausible: a few nm.
 """
 

@@ -6,6 +6,9 @@ out of everything that follows.
 
 Shows as: one or a few samples far off their neighbours on both sides.
 
+Remedy: Shield the beam, check connectors; the spikes are listed and were left out, so nothing else
+hangs on them.
+
 Plausible: up to a few per second, tens of nm to micrometres.
 """
 

@@ -6,6 +6,9 @@ twice). C.-M. Wu and R. D. Deslattes, Appl. Opt. 37 (1998) 6696.
 
 Shows as: a ripple over displacement that neither direction nor speed changes.
 
+Remedy: Align the interferometer's polarisation, or have its quadrature corrected; positions within
+half a wavelength are off by the amplitude.
+
 Plausible: 0.1-5 nm.
 """
 

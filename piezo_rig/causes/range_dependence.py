@@ -12,6 +12,8 @@ the range, so rate dependence looks much the same.
 What becomes of a loop that the drive closes exactly, and not beyond, no law says: forgotten
 (``ties`` 0), or its older branch taken up again further on (1). With a law it shows.
 
+Remedy: Nothing is broken: use the saved model, which knows it, in place of the classical one.
+
 Plausible: thesis, 7.5e-3 V/um per V and -0.36 V/um, against a first slope near 10 V/um.
 """
 

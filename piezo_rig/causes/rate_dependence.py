@@ -10,6 +10,9 @@ the lag settles within it.
 Shows as: loops that are wider where the drive is faster, everywhere but within milliseconds of
 a corner. At one fixed frequency the rate is proportional to the range.
 
+Remedy: Use the saved model at the speeds it has seen; play several frequencies before it is trusted
+at others.
+
 Plausible: 10-100 nm at 300 V/s.
 """
 

@@ -15,6 +15,9 @@ Claimed only where the history is known: every recording says that it begins vir
 began. A model with elements of its own for the first rise cannot hold it: a first rise that is
 half remembered is in neither of its two curves.
 
+Remedy: Let the actuator rest longer between recordings, or begin each with a decaying drive that
+clears the memory.
+
 Plausible: 0-0.3 after a rest that was thought to be long enough.
 """
 

@@ -9,6 +9,8 @@ moves along (losses in the holder itself, ``moves_along``): then it is not late 
 Shows as: a decaying oscillation after each corner of the drive, in proportion to the change of
 velocity, amplitude velocity / (2 pi frequency); nothing in smooth waveforms far below the mode.
 
+Remedy: Stay clear of the frequency, round the corners of the drive, or stiffen the mount.
+
 Plausible: 0.3-1 kHz mounted, damping 0.01-0.1; higher for a bare stack.
 """
 

@@ -7,6 +7,9 @@ Shows as: flat tops at one level in every sweep that reaches it, without creep a
 memory: the actuator goes on, and where the record comes back the motion is what it would have
 been. A clipped drive stops the actuator itself.
 
+Remedy: Switch the sensor or the digitizer to a wider range, or stay below the level; what lies
+beyond it was not measured.
+
 Plausible: any level inside the travel; at the finest switch positions the first micrometres.
 """
 

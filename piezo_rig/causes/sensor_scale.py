@@ -10,6 +10,9 @@ every turning point and threshold where it should be. A model that is refitted t
 into its compliances and hides it completely; only a model of the same actuator that is held fixed
 can show it. A wrong drive gain looks nearly the same, but moves the thresholds.
 
+Remedy: Check the sensitivity switch, the alignment and the calibration file; `calibrate` with a
+reference displacement.
+
 Plausible: 0.1-2 %; a factor of four where the switch stood elsewhere (refused as such).
 """
 

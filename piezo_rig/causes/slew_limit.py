@@ -7,6 +7,9 @@ Shows as: nothing at all as long as the command is slower. Beyond, the drive fal
 and more until the command comes back to it: turning points come late and are cut off. Only the
 fast conditions show it, and those of a smaller range at the same frequency do not.
 
+Remedy: Play slower, or take an amplifier with more current: faster than the limit it does not
+follow.
+
 Plausible: 50 V/s to 100 kV/s.
 """
 

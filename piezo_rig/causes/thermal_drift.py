@@ -8,6 +8,9 @@ touched settles: the slope dies away over the session, by an exponential in its 
 Shows as: a slope that is the same at rest, in holds and while driving, and in the next recording,
 or less the later a recording was made. Where the drive only ever grows, creep looks much the same.
 
+Remedy: Let the rig warm up, cover the beam path, and record in random order; only the zero moves,
+the travel is right.
+
 Plausible: 10-200 nm/min.
 """
 

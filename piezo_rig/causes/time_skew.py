@@ -9,6 +9,9 @@ frequencies or a recorded drive monitor separate them. A record that begins late
 that holds each sample until the next, delay monitor and sensor alike; the delay here is the whole
 one.
 
+Remedy: Nothing is wrong with the stack: put the delay into the evaluation, or let digitizer and
+generator share a trigger; `compensate` leads by it.
+
 Plausible: 10 us to 1 ms; tens of milliseconds for buffered sensors.
 """
 

@@ -78,13 +78,15 @@ def is_run(path: str) -> bool:
 
 
 def load_data(
-    args: argparse.Namespace, for_diagnosis: bool = False, warned: list[str] | None = None
-) -> tuple[list[Sweep], dict[str, str]]:
+    args: argparse.Namespace, for_diagnosis: bool = False, warned: list[str] | None = None,
+    assumed: list[str] | None = None,
+) -> tuple[list[Sweep], dict[str, str]]:  # fmt: skip
     """All sweeps of DATA, and the SHA-256 of every file, by a name that no other file has.
 
     Sweeps that ``verify`` finds faulty are left out, and said; ``for_diagnosis`` keeps those whose
     faults all have a physical cause that diagnosis can name. Names are made unique by counting
-    on over all files, in the order given. What is said of runs is added to ``warned`` as well.
+    on over all files, in the order given. What is said of files is added to ``warned`` as well,
+    and what is assumed of recordings to ``assumed``.
 
     Raises
     ------
@@ -104,7 +106,12 @@ def load_data(
     recordings = [p for p in args.data if not is_run(p)]
     by_recording: dict[str, list[Sweep]] = {}
     if recordings:
-        for sweep in read_recordings_as_said(recordings, args).sweeps:
+        imported = read_recordings_as_said(recordings, args)
+        if warned is not None:
+            warned += imported.warnings
+        if assumed is not None:
+            assumed += imported.assumptions
+        for sweep in imported.sweeps:
             by_recording.setdefault(sweep.source, []).append(sweep)
     for name in args.data:
         path = Path(name)

@@ -83,7 +83,8 @@ def _together(args: argparse.Namespace) -> int:
     if baseline not in NAMED_MODELS:
         baseline = load_model(find("models", baseline))
     warned: list[str] = []
-    sweeps, hashes = load_data(args, for_diagnosis=True, warned=warned)
+    assumed: list[str] = []
+    sweeps, hashes = load_data(args, for_diagnosis=True, warned=warned, assumed=assumed)
 
     def diagnosed() -> Diagnosis:
         progress = Progress()
@@ -93,7 +94,7 @@ def _together(args: argparse.Namespace) -> int:
             progress.close()
         print("\n".join(text(found)))
         # said on loading; whoever reads a file only has to know it too
-        return replace(found, warnings=[*warned, *found.warnings])
+        return replace(found, warnings=[*warned, *found.warnings], assumed=list(assumed))
 
     found = diagnosed()
     followed: dict[str, object] = {}
@@ -104,7 +105,8 @@ def _together(args: argparse.Namespace) -> int:
         run = play_follow_up(advice, args.rig, args.data, sweeps, args.mixed_origin)
         args.data = [*args.data, str(run)]
         warned.clear()
-        sweeps, hashes = load_data(args, for_diagnosis=True, warned=warned)
+        assumed.clear()
+        sweeps, hashes = load_data(args, for_diagnosis=True, warned=warned, assumed=assumed)
         found = diagnosed()
         decision = decide(advice.separates, {f.cause: f.alternatives for f in found.findings})
         print("\n".join(lines(decision, run)))

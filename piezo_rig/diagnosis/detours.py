@@ -59,8 +59,8 @@ def detour(search: Search) -> bool:
         other = replace(
             search,
             steps=[replace(s, fitted=less) for s in search.steps if s.cause != member],
-            scans=[], barred={member: "tried without"}, refused_at={}, spoiled={}, rearranged=True,
-            aside=True, most=min(search.most, len(search.causes) + 1),
+            scans=[], barred={member: "without it a better model was found"}, refused_at={},
+            spoiled={}, rearranged=True, aside=True, most=min(search.most, len(search.causes) + 1),
         )  # fmt: skip
         other.forward()
         more = len(other.causes) - len(search.causes)

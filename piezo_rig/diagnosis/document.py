@@ -14,6 +14,7 @@ from piezo_rig.diagnosis.events import LISTED, Event, in_all, size_text, where_t
 from piezo_rig.diagnosis.found import Diagnosis, Finding
 
 SCHEMA = "piezo-rig/diagnosis/1"
+LEAST_P = 1e-299  # a chance is small, and never none
 PRINTED = 20  # events of one cause, in a terminal
 
 
@@ -43,13 +44,14 @@ def document(d: Diagnosis) -> dict[str, Any]:
             "protocol": d.follow_up.protocol, "separates": d.follow_up.separates,
         },
         "notes": [*d.warnings, *d.notes],
+        "assumed": list(d.assumed),
         "not_tried": dict(d.refused),
     }  # fmt: skip
 
 
 def _finding(f: Finding) -> dict[str, Any]:
     return {
-        "cause": f.cause, "place": f.place, "p_value": _short(f.p_value),
+        "cause": f.cause, "place": f.place, "p_value": _short(max(f.p_value, LEAST_P)),
         "gain_percent": _short(f.gain_percent),
         "gain_ci95": None if f.gain_ci95 is None else [_short(x) for x in f.gain_ci95],
         "parameters": {
@@ -135,6 +137,7 @@ def text(d: Diagnosis) -> list[str]:
         cause, *others = d.follow_up.separates
         lines.append(
             f"next      play {d.follow_up.protocol}: it separates {cause} from {', '.join(others)}"
+            + (f"; {d.follow_up.scaled}" if d.follow_up.scaled else "")
         )
     return lines
 

@@ -30,16 +30,21 @@ FloatArray = NDArray[np.float64]
 THIN = 25
 FAINT = 6.0  # d' from which on anything is found
 ENOUGH = float(np.sqrt(1.0 - (APART / FAINT) ** 2))  # cosine at which even that is told apart
+AS_FAR = 0.2  # of a protocol's highest drive, by which its ends may lie off those of the data
 RESTS_S = 1.0  # at rest within a sweep: an actuator recovers from it, in part
 
 
 @dataclass(frozen=True)
 class FollowUp:
-    """The protocol, which causes it separates, and the predicted cosine under it."""
+    """The protocol, which causes it separates, and the predicted cosine under it.
+
+    ``scaled`` : how, where it goes elsewhere than the data, in words
+    """
 
     protocol: str
     separates: list[str]
     cosine: float
+    scaled: str = ""
 
 
 @dataclass(frozen=True)
@@ -111,7 +116,8 @@ def follow_up(space: Space, fitted: Fitted, alternatives: dict[str, list[str]]) 
         rests = any(rest_s(w.drive_v, plan.sample_rate) > RESTS_S for _, w in plan.conditions())
         worst = max(_cosine(groups, fitted, cause, rival, context) for rival in rivals)
         if rests not in best or worst < best[rests].cosine - 1e-6:
-            best[rests] = FollowUp(name, [cause, *rivals], worst)
+            top = max(float(w.drive_v.max()) for _, w in plan.conditions())
+            best[rests] = FollowUp(name, [cause, *rivals], worst, _scaled(top, space))
     if False in best and best[False].cosine <= ENOUGH:
         return best[False]
     return min(best.values(), key=lambda f: f.cosine, default=None)
@@ -123,6 +129,15 @@ def rest_s(drive_v: FloatArray, rate: float) -> float:
     resting[: int(np.argmin(resting))] = False
     ends = np.flatnonzero(np.diff(np.concatenate([[0], resting.astype(int), [0]])))
     return float(np.max(ends[1::2] - ends[::2], initial=0)) / rate
+
+
+def _scaled(top_v: float, space: Space) -> str:
+    """How a protocol from 0 to ``top_v`` must be scaled to stay where the data were."""
+    low, high = space.groups.ends_v
+    if max(abs(low), abs(high - top_v)) <= AS_FAR * top_v:
+        return ""
+    return (f"scaled to the {low:.3g} to {high:.3g} V of these recordings, for it goes up to "
+            f"{top_v:.3g} V")  # fmt: skip
 
 
 def _played(plan: Plan, space: Space) -> list[Group]:

@@ -66,3 +66,4 @@ class Diagnosis:
     warnings: list[str] = field(default_factory=list)
     refused: dict[str, str] = field(default_factory=dict)
     workings: Workings | None = None  # for a report
+    assumed: list[str] = field(default_factory=list)  # of recordings, as they were read

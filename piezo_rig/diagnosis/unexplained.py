@@ -93,9 +93,14 @@ def unexplained(
     elif not (p < LEVEL and rms > allowance):
         return Unexplained(False, p, rms, allowance, [], "")
     words = [w for w in WORDS if w in named]
-    text = (f"{rms:.2g} nm rms that no known cause explains; it goes with "
+    text = (f"{_two(rms)} nm rms that no known cause explains; it goes with "
             + ", ".join(w.replace("_", " ") for w in words))  # fmt: skip
     return Unexplained(True, p, rms, allowance, words, text)
+
+
+def _two(value: float) -> str:
+    """Two digits, and no power of ten."""
+    return f"{float(f'{value:.2g}'):g}"
 
 
 def _shared_nm(space: Space, noise_nm: float, held_out_nm: float) -> float:
@@ -138,7 +143,7 @@ def with_line(rest: Unexplained, line: Line | None, floor_nm: float | None) -> U
     if line is None or line.p_value > LEVEL * LINES or line.rms_nm < 0.02 * (floor_nm or 0.0):
         return rest
     words = [w for w in WORDS if w in {*rest.depends_on, "clock", "frequency"}]
-    text = f"a line at {line.frequency:.1f} Hz in clock time, {line.rms_nm:.2g} nm rms"
+    text = f"a line at {line.frequency:.1f} Hz in clock time, {_two(line.rms_nm)} nm rms"
     return Unexplained(
         True, min(rest.p_value, line.p_value), float(np.hypot(rest.rms_nm, line.rms_nm)),
         rest.allowance_nm, words, f"{rest.text}; {text}" if rest.text else text,
@@ -151,7 +156,7 @@ def with_gain(rest: Unexplained, gain: Unsteady | None, floor_nm: float | None) 
         return rest
     words = [w for w in WORDS if w in {*rest.depends_on, "clock", "displacement"}]
     text = (f"recordings of the same drive differ by {100.0 * gain.share:.2g} % of the "
-            f"displacement, {gain.rms_nm:.2g} nm rms: the gain of amplifier or sensor is not "
+            f"displacement, {_two(gain.rms_nm)} nm rms: the gain of amplifier or sensor is not "
             "steady")  # fmt: skip
     return Unexplained(
         True, min(rest.p_value, gain.p_value), float(np.hypot(rest.rms_nm, gain.rms_nm)),

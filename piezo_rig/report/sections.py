@@ -74,6 +74,8 @@ def _finding(found: Diagnosis, index: int, finding: Finding, residuals: Residual
                  "all causes that were tried are counted in"))  # fmt: skip
     out.append(_facts(rows))
     out.append(_alternatives(finding))
+    if "Remedy" in said:
+        out.append(f'<p class="remedy"><b>What to do.</b> {escape(said["Remedy"])}</p>')
     if residuals is not None:
         out.append(_figure(found, index, finding, residuals))
     if finding.events:
@@ -231,18 +233,28 @@ def next_html(found: Diagnosis, files: Sequence[str]) -> str:
         f"<p>Not decided yet: {escape(pairs)}. Of the shipped protocols, <b>{escape(name)}</b> "
         f"separates {escape(' from '.join(found.follow_up.separates[:1]))} best from "
         f"{escape(listed(found.follow_up.separates[1:]))}. Play it on the same stack, then "
-        f"diagnose everything together:</p><pre>{escape(play)}\n{escape(look)}</pre>"
-        f"<p>Or in one go: <code>{escape(at_once)}</code></p>"
+        f"diagnose everything together:</p>{_scaled(found)}"
+        f"<pre>{escape(play)}\n{escape(look)}</pre>"
+        f"<p>Or in one go:</p><pre>{escape(at_once)}</pre>"
         "<p class=\"quiet\">YOUR_BENCH.toml is the config of your rig; without <code>--rig</code> "
         f"the simulated bench is played. <code>piezo-rig plan {escape(name)} --rig "
         "YOUR_BENCH.toml</code> checks it first, without touching hardware.</p>"
     )
 
 
+def _scaled(found: Diagnosis) -> str:
+    """A warning where the protocol goes elsewhere than these data."""
+    if found.follow_up is None or not found.follow_up.scaled:
+        return ""
+    return (f'<p class="warn"><b>As it is shipped it does not fit this actuator.</b> Play it '
+            f"{escape(found.follow_up.scaled)}: copy the protocol file and change its voltages."
+            "</p>")  # fmt: skip
+
+
 def notes_html(found: Diagnosis) -> str:
     """Warnings, notes, and what was not tried."""
     out = []
-    for title, words in (("Warnings", found.warnings), ("Notes", found.notes)):
+    for title, words in (("Warnings", found.warnings), ("Remarks", found.notes)):
         if words:
             items = "".join(f"<li>{escape(w)}</li>" for w in words)
             out.append(f"<h3>{title}</h3><ul>{items}</ul>")
@@ -262,7 +274,7 @@ def provenance_html(found: Diagnosis, hashes: Mapping[str, str]) -> str:
     rows = [
         ("baseline", escape(found.baseline), ""),
         ("data", f"{found.sweeps} sweeps, {found.samples:,} samples",
-         f"up to {found.repeats} repeats of a drive"),
+         f"up to {found.repeats} recordings of a drive"),
         ("held out", held.get(found.held_out, escape(found.held_out)), "every error and gain"),
         ("software", f"piezo-rig {escape(__version__)}", ""),
     ]  # fmt: skip
@@ -270,10 +282,12 @@ def provenance_html(found: Diagnosis, hashes: Mapping[str, str]) -> str:
         f"<tr><td>{escape(name)}</td><td>{real_minus(f'{offset:+.3f}')} µm</td></tr>"
         for name, offset in found.recordings if len(found.recordings) > 1
     )  # fmt: skip
+    said = "".join(f"<li>{escape(line)}</li>" for line in found.assumed)
     sums = "".join(f"<tr><td>{escape(name)}</td><td><code>{escape(h)}</code></td></tr>"
                    for name, h in sorted(hashes.items()))  # fmt: skip
     return (
         _facts(rows)
+        + (f"<h3>Assumed of the recordings</h3><ul>{said}</ul>" if said else "")
         + ('<div class="wide"><table class="facts"><tr><th>recording</th><th>offset against the '
            f"first</th></tr>{records}</table></div>" if records else "")
         + ('<div class="wide"><table class="facts"><tr><th>file</th><th>SHA-256</th></tr>'

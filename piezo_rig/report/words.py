@@ -24,6 +24,8 @@ PLACES = {
 }
 _MICRO = re.compile(r"\bu(?=m\b)|(?<=\d )u(?=[sF]\b)")  # um; us and uF behind a number
 SMALLER = (("s", 1e-3, 1e6, "µs"), ("s", 1.0, 1e3, "ms"), ("um", 0.1, 1e3, "nm"))
+WEIGHTY = 2.0  # % of the error: a cause that takes less is there, and matters little
+SAID = ("Physics", "Shows as", "Remedy", "Plausible")
 TOLD = {
     "drive": "the drive", "displacement": "the displacement", "direction": "the direction",
     "range": "the range of the half loop before", "time_since_turn": "the time since the turning "
@@ -33,7 +35,7 @@ TOLD = {
 
 
 def about(cause: str) -> dict[str, str]:
-    """What a cause's file says of it: ``meaning``, ``Physics``, ``Shows as``, ``Plausible``."""
+    """What a cause's file says of it: ``meaning``, and `SAID` of it."""
     kind = CAUSES.get(cause)
     module = inspect.getmodule(kind) if kind is not None else None
     text = inspect.cleandoc(module.__doc__ or "") if module is not None else ""
@@ -43,9 +45,9 @@ def about(cause: str) -> dict[str, str]:
         head, found, rest = line.partition(": ")
         if i == 0:
             out["meaning"] = (rest if found else line).rstrip(".")
-        elif found and head in ("Physics", "Shows as", "Plausible"):
+        elif found and head in SAID:
             out[head] = rest
-    return {k: _MICRO.sub("µ", v) for k, v in out.items() if v}
+    return {k: _MICRO.sub("µ", v.replace("``", "`")) for k, v in out.items() if v}
 
 
 def with_unit(p: Parameter) -> str:
@@ -131,7 +133,7 @@ def verdict(d: Diagnosis) -> list[str]:
     ]
     count = len(d.findings)
     if d.findings:
-        names = listed([_counted(f) for f in d.findings])
+        names = listed([_counted(f) + _hardly(f) for f in d.findings])
         out.append(f"{'One cause was' if count == 1 else f'{count} causes were'} named: {names}."
                    f"{_most(d)}")  # fmt: skip
     elif d.unexplained.detected:
@@ -146,7 +148,7 @@ def verdict(d: Diagnosis) -> list[str]:
                    f"{nm(last.rms_nm)} rms and {last.max_percent:.2g} % at worst{smaller}.")
     floor = "" if d.noise_floor_nm is None else (
         f" Repeats of the same drive differ by {nm(d.noise_floor_nm)} among themselves; no model "
-        "can do better than that."
+        "foretells a single reading better than that."
     )  # fmt: skip
     rest = d.unexplained
     verdict = "Nothing that remains stands out of the noise."
@@ -159,7 +161,8 @@ def verdict(d: Diagnosis) -> list[str]:
     if unsure:
         verdict += f" Not decided by these data: {'; '.join(unsure)}."
         if d.follow_up is not None:
-            verdict += f" To decide it, play {Path(d.follow_up.protocol).stem}."
+            verdict += f" To decide it, play {Path(d.follow_up.protocol).stem}"
+            verdict += f", {d.follow_up.scaled}." if d.follow_up.scaled else "."
     out.append(verdict + floor)
     return out
 
@@ -167,6 +170,13 @@ def verdict(d: Diagnosis) -> list[str]:
 def _counted(finding: Finding) -> str:
     n = len(finding.events)
     return finding.cause + (f" ({n} event{'' if n == 1 else 's'})" if n else "")
+
+
+def _hardly(finding: Finding) -> str:
+    """A word on a cause that is there, and of no weight."""
+    if finding.gain_ci95 is None or finding.gain_ci95[1] > WEIGHTY:
+        return ""
+    return " (there, but hardly any of the error)"
 
 
 def _most(d: Diagnosis) -> str:

@@ -43,7 +43,8 @@ model would make of it is taken off, and the rest is compared. *d'* is the lengt
 white noise of 2 nm at 5 kSa/s, one repeat: with ten times the example it is ten times as large. A
 cosine of 1 is the same signature. Causes are told apart where d' sqrt(1 - cosine^2) is 4 or more;
 a diagnosis computes this anew from the data at hand, with their own noise. Drive gain and sensor
-scale are compared as against a fixed model, nothing taken off but an offset per sweep.
+scale are compared as against a fixed model, nothing taken off but an offset per sweep. `input-bend`
+and `output-bend` run in the same race, but belong to the base model: a diagnosis never names them.
 """
 
 

@@ -28,12 +28,14 @@ EXTRAS = {
     "extremum-dependence": {"slope": -0.004, "offset": 0.2, "reach": 0.25, "closing": 1.0,
                             "taper": 1.0},
     "direction-asymmetry": {"ratio": 1.1, "reach": 0.4, "closing": 0.5, "taper": 0.0},
-    "input-bend": {"square": -3.0, "cube": 1.0, "from_v": 0.0, "over_v": 75.0},
-    "output-bend": {"square": -0.004, "cube": 2e-4},
     "creep": {"rate_per_decade": 0.02},
     "rate-dependence": {"lag_um": 0.02, "exponent": 1.0, "window_s": 2e-3},
     "resonance": {"share": 0.1, "frequency": 620.0, "damping": 0.03},
     "cycle-aging": {"rate_per_decade": 0.01},
+}  # fmt: skip
+BODY = {
+    "input-bend": {"square": -3.0, "cube": 1.0, "from_v": 0.0, "over_v": 75.0},
+    "output-bend": {"square": -0.004, "cube": 2e-4},
 }  # fmt: skip
 BENT = {"from_v": 0.0, "over_v": 75.0, "square": 0.1, "cube": -0.2, "fourth": 0.1, "fifth": 0.05}
 
@@ -47,7 +49,7 @@ def model_with(*ids, **changed):
         elif id == "initiation-stage":
             stage = CAUSES[id].of(table(FIRST))
         else:
-            stage = CAUSES[id].of(None, **{**EXTRAS[id], **changed.get(id, {})})
+            stage = CAUSES[id].of(None, **{**(EXTRAS | BODY)[id], **changed.get(id, {})})
         model = model.with_stage(stage)
     return model
 

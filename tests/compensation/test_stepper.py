@@ -109,6 +109,20 @@ def test_an_inverted_model_follows_what_it_can_do(ids, settles, closes, turns, p
     np.testing.assert_allclose(again, target, rtol=0, atol=1e-8)
 
 
+@pytest.mark.parametrize("ids", [
+    ("input-bend",), ("output-bend",), ("bend", "input-bend", "output-bend", "creep"),
+    ("drive-gain", "input-bend", "extremum-dependence", "output-bend", "resonance"),
+])  # fmt: skip
+def test_bends_of_the_body_are_played_and_inverted(ids):
+    model = model_with(*ids)
+    rng = np.random.default_rng(5)
+    time, drive = legs([0.0, *rng.uniform(0.0, 75.0, 20)], 60)
+    target = model.simulate(time, drive, free_end=True)
+    np.testing.assert_allclose(stepped(model, time, drive), target, rtol=0, atol=1e-9)
+    again = model.simulate(time, followed(model, time, target), free_end=True)
+    np.testing.assert_allclose(again, target, rtol=0, atol=1e-8)
+
+
 def test_nothing_of_a_target_is_known_before_its_sample():
     model = model_with(*EVERY)
     time, drive = legs([0.0, 50.0, 20.0, 40.0, 30.0], 100)
