@@ -16,6 +16,7 @@ from piezo_rig.diagnosis.groups import Group, Groups
 
 FloatArray = NDArray[np.float64]
 LONG = 32  # thinned samples of a stretch
+LOUDEST = 2  # samples of a stretch: a spike, and the cell that it spreads to
 BELOW = 1.2816  # standard deviations from the median to the tenth percentile
 FEW = 20  # stretches that say nothing of how much they scatter
 STANDS_OUT = 6.0  # standard deviations of the logarithm of a stretch's power
@@ -46,21 +47,21 @@ class Bursts:
 def bursts(groups: Groups, model: Model) -> Bursts | None:
     """What stands out of the deviations of recordings from the mean of their repeats.
 
-    Stretches are compared by the logarithm of their power, trends taken off. Its scatter is that
-    of the quieter half of the data at hand, whatever the spectrum of their noise. None
-    without repeats, or where nothing stands out.
+    Stretches are compared by the logarithm of their power, trends and the loudest samples taken
+    off: a spike is no burst. Its scatter is that of the quieter half of the data at hand, whatever
+    the spectrum of their noise. None without repeats, or where nothing stands out.
     """
     groups = groups.evenly()  # single samples beside corners are noisier than averages
-    powers, places = list[FloatArray](), list[tuple[str, float]]()
+    powers, places = list[tuple[float, float]](), list[tuple[str, float]]()
     for group in groups.groups:
         if group.repeats < 2:
             continue
         made, seconds = _stretches(groups, group, model)
-        powers += list(made)
+        powers += made
         places += [(group.condition, s) for s in seconds]
     if len(powers) < FEW:
         return None
-    every = np.array([p.mean() for p in powers])
+    every, whole = np.array(powers).T
     usual = float(np.median(every))
     if not usual > 0.0:
         return None
@@ -70,7 +71,7 @@ def bursts(groups: Groups, model: Model) -> Bursts | None:
     if not out.size:
         return None
     order = out[np.argsort(-every[out])][:MOST_TOLD]
-    excess = float(np.sum(every[out] - usual)) / every.size
+    excess = float(np.sum(whole[out] - np.median(whole))) / every.size
     return Bursts(
         int(out.size), float(np.sqrt(every[order[0]] / usual)), 1e3 * float(np.sqrt(excess)),
         tuple(places[k] for k in sorted(order)),
@@ -79,19 +80,22 @@ def bursts(groups: Groups, model: Model) -> Bursts | None:
 
 def _stretches(
     groups: Groups, group: Group, model: Model
-) -> tuple[list[FloatArray], list[float]]:
-    """Variances (R,) of every stretch of a group's recordings, um^2, and when each begins."""
+) -> tuple[list[tuple[float, float]], list[float]]:
+    """Variance of every stretch of a group, um^2, without its loudest samples and with them; when
+    each begins.
+    """
     left = group.at_one_time(model).measured_um
     left = groups.thinned(group, left - left.mean(axis=0))
     left = left * np.sqrt(group.repeats / (group.repeats - 1.0))
     time = groups.thinned(group, group.time_s)
     level = np.stack([np.ones(LONG), np.linspace(-1.0, 1.0, LONG)])
     level /= np.linalg.norm(level, axis=1, keepdims=True)
-    found, seconds = list[FloatArray](), list[float]()
+    found, seconds = list[tuple[float, float]](), list[float]()
     for a, b in groups.edges(group):
         for begin in range(a, b - LONG + 1, LONG):
             rows = left[:, begin : begin + LONG]
             rows = rows - (rows @ level.T) @ level
-            found.append(np.mean(rows**2, axis=1))
+            square = np.sort(rows**2, axis=1)
+            found.append((float(square[:, :-LOUDEST].mean()), float(square.mean())))
             seconds.append(float(time[begin] - group.time_s[0]))
     return found, seconds

@@ -54,3 +54,14 @@ def test_a_diagnosis_calls_it_unexplained_and_names_no_cause():
     assert out.unexplained.detected
     assert "clock" in out.unexplained.depends_on
     assert "noise is not steady" in out.unexplained.text
+
+
+def test_spikes_that_were_missed_are_no_bursts():
+    rng = np.random.default_rng(5)
+    sweeps = session(2, "white", steady)
+    spiked = []
+    for s in sweeps:
+        volts = s.sensor_v.copy()
+        volts[rng.integers(100, volts.size - 100, 6)] += 0.025 * rng.choice([-1.0, 1.0], 6)
+        spiked.append(s.with_(sensor_v=volts))
+    assert found(spiked) is None
