@@ -29,7 +29,7 @@ from piezo_rig.chain.increments import Increment, Operation
 from piezo_rig.chain.stage import Signal, Stage
 
 SMALL = 0.004  # of the drive's range
-LARGE = (-0.2, -0.1, -0.04, 0.04, 0.1, 0.2)  # in the middle a quarter of it
+LARGE = (-0.15, -0.05, 0.05, 0.15)  # in the middle a quarter of it
 
 
 class InputBend(Cause):
@@ -68,7 +68,7 @@ class InputBend(Cause):
         return [cls.of(None, **nothing | {name: SMALL * (high - low)}) for name in cls.units]
 
     def at_large(self, near: Stage | None = None) -> list[Stage]:
-        """Bent by 1 to 5 % of the range: in coloured noise no descent from none ends there."""
+        """Bent by 1 to 4 % of the range: in coloured noise no descent from none ends there."""
         if near is not None:
             return [near.with_values(square=f * near["square"]) for f in (0.75, 1.3)]
         return [self.with_values(square=f * self["over_v"], cube=0.0) for f in LARGE]
