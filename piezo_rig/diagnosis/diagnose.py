@@ -44,7 +44,8 @@ from piezo_rig.diagnosis.fit import Point, starting_model
 from piezo_rig.diagnosis.follow_up import follow_up
 from piezo_rig.diagnosis.found import NO_FINDINGS, Diagnosis, Finding, Rung
 from piezo_rig.diagnosis.given import against_lacking
-from piezo_rig.diagnosis.groups import Groups, group_tracks
+from piezo_rig.diagnosis.grouping import group_tracks
+from piezo_rig.diagnosis.groups import Groups
 from piezo_rig.diagnosis.held_out import Errors, extrapolates, gain, held_out_errors, refold
 from piezo_rig.diagnosis.isolability import Workings
 from piezo_rig.diagnosis.memory import give_back

@@ -9,7 +9,8 @@ from piezo_rig.chain import Model
 from piezo_rig.diagnosis import dictionary
 from piezo_rig.diagnosis.dictionary import Scales
 from piezo_rig.diagnosis.fit import Point
-from piezo_rig.diagnosis.groups import FEW, Groups
+from piezo_rig.diagnosis.grouping import FEW
+from piezo_rig.diagnosis.groups import Groups
 from piezo_rig.diagnosis.linear import Piece
 from piezo_rig.diagnosis.noise import Spectrum, Whitener, spectrum_of
 from piezo_rig.diagnosis.scan import candidates

@@ -20,7 +20,8 @@ from piezo_rig.diagnosis.early import noise_floor_nm
 from piezo_rig.diagnosis.engine import plain_space
 from piezo_rig.diagnosis.fit import Point
 from piezo_rig.diagnosis.found import REFITTED, Diagnosis, Finding, Rung
-from piezo_rig.diagnosis.groups import Groups, group_tracks
+from piezo_rig.diagnosis.grouping import group_tracks
+from piezo_rig.diagnosis.groups import Groups
 from piezo_rig.diagnosis.held import best_um_of
 from piezo_rig.diagnosis.held_out import Errors, gain, held_out_errors
 from piezo_rig.diagnosis.refit import refit

@@ -21,7 +21,8 @@ from piezo_rig.causes import CAUSES, load_model
 from piezo_rig.causes.cause import Cause, Context
 from piezo_rig.chain import Model, Stage, half_loops
 from piezo_rig.config import DEFAULT_RIG, load_rig
-from piezo_rig.diagnosis.groups import LOOKED_BACK, Group
+from piezo_rig.diagnosis.grouping import LOOKED_BACK
+from piezo_rig.diagnosis.groups import Group
 from piezo_rig.protocol import build_plan, load_protocol
 from piezo_rig.resources import find
 from piezo_rig.studies.document import table

@@ -7,7 +7,7 @@ import numpy as np
 from piezo_rig.causes import CAUSES, named_model
 from piezo_rig.diagnosis import engine
 from piezo_rig.diagnosis.fit import Point, starting_model
-from piezo_rig.diagnosis.groups import group_tracks
+from piezo_rig.diagnosis.grouping import group_tracks
 from piezo_rig.identification import prepare
 
 

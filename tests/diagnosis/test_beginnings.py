@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 
 from piezo_rig.diagnosis.climb import Search
-from piezo_rig.diagnosis.groups import group_tracks
+from piezo_rig.diagnosis.grouping import group_tracks
 from piezo_rig.identification import prepare
 from piezo_rig.run_file.sweep import Sweep
 from tests.diagnosis.sliders import play

@@ -9,7 +9,7 @@ import pytest
 from piezo_rig.causes import load_model
 from piezo_rig.diagnosis import diagnose
 from piezo_rig.diagnosis.checks import far_off
-from piezo_rig.diagnosis.groups import group_tracks
+from piezo_rig.diagnosis.grouping import group_tracks
 from piezo_rig.identification import identify, prepare, save_model
 from piezo_rig.studies.hidden import draw
 from piezo_rig.studies.hidden.calibration import SensorScale

@@ -7,7 +7,7 @@ import pytest
 
 from piezo_rig.diagnosis import diagnose
 from piezo_rig.diagnosis.bursts import bursts
-from piezo_rig.diagnosis.groups import group_tracks
+from piezo_rig.diagnosis.grouping import group_tracks
 from piezo_rig.identification import identify, prepare
 from tests.diagnosis.two_drives import session
 

@@ -19,7 +19,7 @@ from piezo_rig.diagnosis import diagnose
 from piezo_rig.diagnosis.early.hum import find_hum
 from piezo_rig.diagnosis.engine import plain_space
 from piezo_rig.diagnosis.fit import Point, starting_model
-from piezo_rig.diagnosis.groups import group_tracks
+from piezo_rig.diagnosis.grouping import group_tracks
 from piezo_rig.diagnosis.held_out import _inside
 from piezo_rig.diagnosis.refit import refit
 from piezo_rig.identification import prepare

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from piezo_rig.diagnosis.checks import data_warnings
-from piezo_rig.diagnosis.groups import group_tracks
+from piezo_rig.diagnosis.grouping import group_tracks
 from piezo_rig.identification import prepare
 from tests.diagnosis.two_drives import session
 

@@ -16,7 +16,7 @@ from piezo_rig.chain.half_loops import half_loops
 from piezo_rig.diagnosis import engine
 from piezo_rig.diagnosis.confusion import confusion
 from piezo_rig.diagnosis.fit import Point, starting_model
-from piezo_rig.diagnosis.groups import group_tracks
+from piezo_rig.diagnosis.grouping import group_tracks
 from piezo_rig.diagnosis.refit import refit, settle
 from piezo_rig.identification import prepare
 

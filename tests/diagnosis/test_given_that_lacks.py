@@ -14,7 +14,7 @@ from small_bench import CONDITIONS, recordings, relaxation
 
 from piezo_rig.causes import load_model
 from piezo_rig.diagnosis import diagnose
-from piezo_rig.diagnosis.groups import group_tracks
+from piezo_rig.diagnosis.grouping import group_tracks
 from piezo_rig.diagnosis.since import compared, lacks_causes
 from piezo_rig.errors import InputError
 from piezo_rig.identification import identify, prepare, save_model

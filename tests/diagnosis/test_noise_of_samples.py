@@ -7,7 +7,7 @@ import pytest
 
 from piezo_rig.diagnosis.engine import noise_of, plain_space, space_of
 from piezo_rig.diagnosis.fit import Point, starting_model
-from piezo_rig.diagnosis.groups import group_tracks
+from piezo_rig.diagnosis.grouping import group_tracks
 from piezo_rig.diagnosis.refit import refit
 from piezo_rig.identification import prepare
 from tests.diagnosis.two_drives import session

@@ -12,7 +12,7 @@ from piezo_rig.diagnosis import diagnose
 from piezo_rig.diagnosis.covered import covered
 from piezo_rig.diagnosis.early.spikes import find_spikes
 from piezo_rig.diagnosis.engine import _centred
-from piezo_rig.diagnosis.groups import group_tracks
+from piezo_rig.diagnosis.grouping import group_tracks
 from piezo_rig.identification import identify, prepare
 from piezo_rig.run_file.sweep import Sweep
 

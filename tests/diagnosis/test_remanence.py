@@ -15,7 +15,7 @@ from small_bench import RATE, drive_of
 from piezo_rig.causes import CAUSES
 from piezo_rig.chain import Elements, Maxwell, Model
 from piezo_rig.diagnosis import basis, diagnose
-from piezo_rig.diagnosis.groups import group_tracks
+from piezo_rig.diagnosis.grouping import group_tracks
 from piezo_rig.identification.data import prepare
 from piezo_rig.run_file import Sweep
 

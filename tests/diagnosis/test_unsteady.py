@@ -9,7 +9,7 @@ import pytest
 
 from piezo_rig.diagnosis import diagnose
 from piezo_rig.diagnosis.fit import starting_model
-from piezo_rig.diagnosis.groups import group_tracks
+from piezo_rig.diagnosis.grouping import group_tracks
 from piezo_rig.diagnosis.noise import Spectrum
 from piezo_rig.diagnosis.unexplained import Unexplained, unexplained
 from piezo_rig.diagnosis.unsteady import unsteady

@@ -18,7 +18,7 @@ from piezo_rig.chain import Model
 from piezo_rig.chain.bend import Bend
 from piezo_rig.diagnosis.engine import plain_space
 from piezo_rig.diagnosis.fit import Point
-from piezo_rig.diagnosis.groups import group_tracks
+from piezo_rig.diagnosis.grouping import group_tracks
 from piezo_rig.diagnosis.refit import refit
 from piezo_rig.errors import InputError
 from piezo_rig.identification import prepare

@@ -17,7 +17,7 @@ from piezo_rig.diagnosis.early.breaks import find_breaks
 from piezo_rig.diagnosis.early.mended import mended
 from piezo_rig.diagnosis.early.peaks import Search
 from piezo_rig.diagnosis.early.reported import events_of, reported
-from piezo_rig.diagnosis.groups import group_tracks
+from piezo_rig.diagnosis.grouping import group_tracks
 from piezo_rig.identification import prepare
 from piezo_rig.run_file import Sweep
 from piezo_rig.studies.hidden import draw

@@ -19,7 +19,7 @@ from small_bench import RATE, recordings
 from piezo_rig.cli import main
 from piezo_rig.diagnosis import diagnose
 from piezo_rig.diagnosis.early import read_monitor
-from piezo_rig.diagnosis.groups import group_tracks
+from piezo_rig.diagnosis.grouping import group_tracks
 from piezo_rig.identification import prepare
 
 SPEEDS = (("0-30", 0.0, 30.0, 10.0), ("0-75", 0.0, 75.0, 4.0), ("0-60", 0.0, 60.0, 10.0))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from piezo_rig.diagnosis.early import find_line
-from piezo_rig.diagnosis.groups import group_tracks
+from piezo_rig.diagnosis.grouping import group_tracks
 from piezo_rig.identification import prepare
 from piezo_rig.studies.hidden import draw
 

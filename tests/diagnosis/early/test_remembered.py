@@ -8,7 +8,7 @@ import pytest
 from piezo_rig.diagnosis import diagnose
 from piezo_rig.diagnosis.early import remembered
 from piezo_rig.diagnosis.fit import Point, starting_model
-from piezo_rig.diagnosis.groups import group_tracks
+from piezo_rig.diagnosis.grouping import group_tracks
 from piezo_rig.identification import prepare
 from piezo_rig.run_file.sweep import Sweep
 from tests.diagnosis.sliders import play
