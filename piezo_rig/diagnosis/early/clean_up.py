@@ -14,7 +14,7 @@ import numpy as np
 
 from piezo_rig.chain import Model, Parameter
 from piezo_rig.diagnosis.early.breaks import Breaks, find_breaks
-from piezo_rig.diagnosis.early.hum import Hum, find_hum, hum_of_residual, removed
+from piezo_rig.diagnosis.early.hum import Hum, find_hum, hum_of_residual, means_of, removed
 from piezo_rig.diagnosis.early.mended import DROP, JUMP, Break, mended
 from piezo_rig.diagnosis.early.reported import events_of, reported
 from piezo_rig.diagnosis.early.spikes import find_spikes
@@ -27,6 +27,7 @@ HUM = "mains-hum"
 TRIED = ("outliers", JUMP, DROP, HUM)
 BETTER = 0.999  # squared error of the baseline after mending, of that before
 JOINTLY = 6  # turns of fitting base and hum
+LEADS = 0.05  # of what is left, that such a line must be
 SUSPECTED = 0.05  # chance of a line, below which it is looked at beside a base that is free of it
 
 
@@ -146,6 +147,9 @@ def _given_back(
         hum = hum_of_residual(noisy, point.model)
         if hum is None:
             return None
+    square = np.concatenate([r.level**2 for r in means_of(noisy, point.model)])
+    if 0.5 * hum.amplitude_nm**2 < LEADS * 1e6 * float(square.mean()):
+        return None  # beside so much else it is looked for again once that is explained
     return hum
 
 
