@@ -29,8 +29,8 @@ def bend(search: Search, here: Fitted, found: Found, good: NDArray[np.int64]) ->
     model = here.point.model
     if model.stage(BEND) is not None or (here.point.fixed and search.space.loose):
         return False
-    ratio, p = score_powers(search.space, here, search.rng)
     best = float(found.result.ratio[good].max()) if good.size else 0.0
+    ratio, p = score_powers(found.linear, search.rng, best)
     if p > LEVEL or ratio <= best:
         return False
     if here.point.fixed:  # it does not say what its bend is: it is allowed to be wrong by any
@@ -69,7 +69,7 @@ def with_own_bend(search: Search) -> None:
     if bent is None:
         return
     search.tell("baseline, with its bend")
-    _, p = score_powers(search.space, search.first, search.rng)
+    _, p = score_powers(search.space.linear(search.first.point), search.rng)
     own_um, search.space.own_um = search.space.own_um, own_um_of(bent)
     fitted = refit(search.space, Point(bent, tuple(s.id for s in bent.stages)))
     if search.error(0, fitted) < search.error(0, search.first) + 1e3 * own_um:

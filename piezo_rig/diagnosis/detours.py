@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from piezo_rig.causes import CAUSES
 from piezo_rig.diagnosis.abreast import abreast
+from piezo_rig.diagnosis.confusion import strengths
 from piezo_rig.diagnosis.refit import Fitted, refit, settle
 from piezo_rig.diagnosis.scan import LATER, FloatArray, Scan, by_speed, scan
 from piezo_rig.diagnosis.spare import NEEDED
@@ -16,6 +19,7 @@ from piezo_rig.diagnosis.spare import NEEDED
 if TYPE_CHECKING:
     from piezo_rig.diagnosis.climb import Search
 
+ABREAST = 2  # members that are left out at a time
 DETOURS = 2  # at most, from one ladder
 RIVAL = 0.4  # score of a rival, of the member's own
 
@@ -39,15 +43,8 @@ def detour(search: Search) -> bool:
     """
     if len(search.causes) < 2:
         return False
-    full, members = search.fitted, search.causes
-    search.tell(f"refit without {', '.join(members)}, one by one")
-    without = abreast(search.space, [
-        partial(_without, search, member, rng)
-        for member, rng in zip(members, search.rng.spawn(len(members)), strict=True)
-    ], full.parts)  # fmt: skip
-    taken = 0
-    pairs = zip(members, without, strict=True)
-    for member, (less, found) in sorted(pairs, key=lambda m: -m[1][0].evidence):
+    full, taken = search.fitted, 0
+    for member, less, found in _one_by_one(search):
         if taken == DETOURS:
             break
         if member not in found.ids:
@@ -72,6 +69,27 @@ def detour(search: Search) -> bool:
         search.scans += other.scans
         return True
     return False
+
+
+def _one_by_one(search: Search) -> Iterator[tuple[str, Fitted, Scan]]:
+    """Every member left out, about the one that is worth least first; by two at a time."""
+    full, space = search.fitted, search.space
+    tables = [c for c in search.causes if CAUSES[c].has_elements]
+    others = [c for c in search.causes if c not in tables]
+    settle(space, full.point)
+    worth = strengths(space, full, others) if others else {}
+    order = [*tables, *sorted(others, key=lambda c: worth[c])]
+    streams = search.rng.spawn(len(order))
+    for k in range(0, len(order), ABREAST):
+        members = order[k : k + ABREAST]
+        search.tell(f"refit without {' or '.join(members)}")
+        made = abreast(space, [
+            partial(_without, search, member, rng)
+            for member, rng in zip(members, streams[k:], strict=False)
+        ], full.parts)  # fmt: skip
+        both = sorted(zip(members, made, strict=True), key=lambda m: -m[1][0].evidence)
+        for member, (less, found) in both:
+            yield member, less, found
 
 
 def _without(search: Search, member: str, rng: np.random.Generator) -> tuple[Fitted, Scan]:

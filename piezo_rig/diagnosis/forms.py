@@ -28,7 +28,7 @@ BETTER = 3.0  # log-likelihood by which a refit from further out must be better
 VERY_LARGE = 1e5  # the same that promises an effect which may be nothing like a small one
 LARGE = 300.0  # the same above which a law was begun at the right size, and no law recovers from
 PLAIN = 20.0  # log-likelihood above which all forms of a law are refitted
-PARABOLAS, SETTLED = 6, 1.0  # at most so many, and the gain in log-likelihood that ends them
+PARABOLAS, SETTLED, TOP = 6, 1.0, 0.05  # at most so many; gains in log-likelihood that end them
 FURTHER, FURTHER_BY = 4, 1.4
 WIDE = 1.25  # between lengths from which an effect that lasts is begun
 WITHIN = 0.4  # of a sample
@@ -37,6 +37,7 @@ SHORTEST, WIDER, REACHES = 0.006, 1.19, 21  # its reach: of the travel, step, ho
 STEEP = 0.4  # of the mean spring constant, by the whole range of the drive
 LIKELIEST = 2  # of each form, that are refitted
 BESIDE = 0.02  # samples
+HELD, BY = 0.002, 0.25  # of a kink: held up at it, on one of its sides, samples
 BEYOND = (4.0, 8.0, 16.0, 32.0)  # times the noise of a sample
 FADES = 4.0  # log-likelihood by which a law that fades out must be better
 
@@ -179,7 +180,9 @@ def beside_kinks(space: Space, fitted: Fitted, id: str) -> Fitted:
     if stage.kinked:
         name, step_s = stage.kinked, 1.0 / space.groups.rate
         whole = np.round(stage[name] / step_s)
-        begins = [float((whole + beside) * step_s) for beside in (-BESIDE, BESIDE)]
+        off = float(stage[name] / step_s - whole)
+        sides = [s for s in (-BESIDE, BESIDE) if abs(off) < HELD or (abs(off) < BY and s * off < 0)]
+        begins = [float((whole + s) * step_s) for s in sides]
     else:
         name, noise_um = stage.bending, 1e-3 * space.sample_noise_nm
         begins = [stage[name] + float(np.copysign(b * noise_um, stage[name])) for b in BEYOND]
@@ -263,13 +266,16 @@ def summit(space: Space, fitted: Fitted, id: str) -> Fitted:
         x = np.log(sorted(known))
         y = np.array([known[r].evidence for r in sorted(known)])
         i = int(np.clip(np.argmax(y), 1, x.size - 2))
-        a, b, _ = np.polyfit(x[i - 1 : i + 2] - x[i], y[i - 1 : i + 2], 2)
+        inside, as_foretold = 0 < int(np.argmax(y)) < y.size - 1, False
+        a, b, c = np.polyfit(x[i - 1 : i + 2] - x[i], y[i - 1 : i + 2], 2)
         if a < 0 and abs(b) < -4.0 * a * step:
-            r = float(np.exp(x[i] - b / (2.0 * a)))
-            if not any(abs(np.log(r / k)) < 1e-3 for k in known):
+            r, top = float(np.exp(x[i] - b / (2.0 * a))), float(c - b * b / (4.0 * a))
+            as_foretold = top < y.max() + TOP  # nothing to be gained there
+            if not as_foretold and not any(abs(np.log(r / k)) < 1e-3 for k in known):
                 known[r] = at_values(space, known[best], id, {name: r}, near)
-        if 0 < int(np.argmax(y)) < y.size - 1:
-            if max(f.evidence for f in known.values()) < before + SETTLED:
+                as_foretold = abs(known[r].evidence - top) < SETTLED
+        if inside:
+            if as_foretold or max(f.evidence for f in known.values()) < before + SETTLED:
                 break
             step *= 0.5
     likeliest = max(known.values(), key=lambda f: f.evidence)

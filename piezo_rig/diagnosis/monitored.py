@@ -20,6 +20,7 @@ from piezo_rig.diagnosis.scan import VISIBLE, context_of
 from piezo_rig.diagnosis.space import Space
 from piezo_rig.diagnosis.spare import NEEDED
 
+PLAIN = 300.0  # log-likelihood by which a delay is beyond doubt after one step without it
 ELSE, UNLIKE = 5.0, 0.25  # standard errors, and share of a delay, by which it is another one
 
 
@@ -112,7 +113,9 @@ def corrected(space: Space, ladder: Ladder, reading: Reading) -> tuple[Reading, 
     if told is None or stage is None or reading.settled or SKEW in last.point.fixed:
         return None
     seen, others = told.stage["delay"], tuple(t for t in reading.told if t is not told)
-    less = refit(space, last.point.without(SKEW), held=True)
+    less = refit(space, last.point.without(SKEW), steps=1, held=True)
+    if less.evidence + PLAIN >= last.evidence:
+        less = refit(space, less.point, held=True)
     if less.evidence + NEEDED >= last.evidence:
         return replace(reading, told=others, settled=True), (
             f"the drive monitor is late by {1e3 * seen:.4g} ms, the displacement is not: that "

@@ -15,6 +15,7 @@ from piezo_rig.diagnosis import dictionary
 from piezo_rig.diagnosis.fit import Point
 from piezo_rig.diagnosis.groups import Groups
 from piezo_rig.diagnosis.likelihood import Likelihood
+from piezo_rig.diagnosis.linear import Linear
 from piezo_rig.diagnosis.reduction import Reduced, covariance_of, reduce
 from piezo_rig.diagnosis.refit import Fitted, playable
 from piezo_rig.diagnosis.scores import score
@@ -208,11 +209,13 @@ class Found:
     Attributes
     ----------
     candidates : in the order of ``result.ids``
+    linear, likelihood : about the model, all examples as trials
     chosen : cause -> columns and examples of its best form
     """
 
     result: Scan
     candidates: list[Candidate]
+    linear: Linear
     likelihood: Likelihood
     chosen: dict[str, tuple[list[int], tuple[Stage, ...]]]
 
@@ -249,7 +252,7 @@ def scan(
     owners = [i for i, c in enumerate(kept) for _ in where[c.id]]
     if not kept:
         empty = np.zeros(0)
-        return Found(Scan((), empty, empty, empty, empty, refused), kept, likelihood, {})
+        return Found(Scan((), empty, empty, empty, empty, refused), kept, linear, likelihood, {})
     scored = score(likelihood, hypotheses, owners, rng, LEVEL / len(kept))
     result = Scan(
         tuple(c.id for c in kept),
@@ -263,7 +266,7 @@ def scan(
     chosen = {
         c.id: (hypotheses[scored.chosen[i]], forms[scored.chosen[i]]) for i, c in enumerate(kept)
     }
-    return Found(result, kept, likelihood, chosen)
+    return Found(result, kept, linear, likelihood, chosen)
 
 
 def _pairs(found: Sequence[Candidate], model: Model) -> list[tuple[Model, Model]]:
@@ -288,14 +291,18 @@ def _playable(
 
 
 def score_powers(
-    space: Space, fitted: Fitted, rng: np.random.Generator
+    linear: Linear, rng: np.random.Generator, least: float = 0.0
 ) -> tuple[float, float]:
-    """Log-likelihood gained by a memoryless bend, and its chance."""
-    linear = space.linear(fitted.point)
-    lay = linear.layout
-    n = len(dictionary.POWERS)
-    reduced = reduce(linear, free=range(lay.base, lay.base + n))
-    scored = score(Likelihood(reduced), [range(-n, 0)], [0], rng, LEVEL)
+    """Log-likelihood gained by a memoryless bend about a point, and its chance.
+
+    A gain of no more than ``least`` is not asked for its chance, which is given as 1.
+    """
+    n, at = len(dictionary.POWERS), linear.layout.base
+    reduced = reduce(linear, free=range(at, at + n))
+    likelihood = Likelihood(replace(reduced, trials=reduced.trials[:, -n:]))
+    if likelihood.evidence(range(-n, 0)) - likelihood.evidence() <= least:
+        return least, 1.0
+    scored = score(likelihood, [range(-n, 0)], [0], rng, LEVEL)
     return float(scored.ratio[0]), float(scored.p_value[0])
 
 

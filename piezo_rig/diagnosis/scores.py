@@ -18,6 +18,7 @@ from piezo_rig.diagnosis.likelihood import GRID, Likelihood, Seen, followed
 FloatArray = NDArray[np.float64]
 NULLS, MANY = 200, 1600  # drawn at first, and where a chance is within so much of its level
 CLOSE_BY = 20.0
+PLAIN = 200.0  # log-likelihood of a cause, beside which those of doubtful chance are not looked at
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,7 +76,8 @@ def score(
         [int(np.flatnonzero(owner == c)[np.argmax(best[owner == c, 0])]) for c in range(causes)]
     )
     p_value = np.array([tail(r[0], r[1:]) for r in ratio])
-    if nulls < MANY and any(close_by(p, level) for p in p_value):
+    doubted = any(close_by(p, level) for p in p_value) and ratio[:, 0].max() < PLAIN
+    if nulls < MANY and doubted:
         return score(likelihood, hypotheses, owners, rng, level, MANY)
     return Scored(
         ratio[:, 0],

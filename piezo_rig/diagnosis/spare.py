@@ -34,16 +34,28 @@ WEAK, SHADOW = 10.0, 15.0  # d' and log-likelihood that leave an effect in doubt
 
 
 def one_by_one(space: Space, steps: Sequence[Step], tell: Callable[[str], None]) -> list[Step]:
-    """Steps whose members have changed, each fitted anew with those before it."""
-    members, last = [s.cause for s in steps], steps[-1]
-    if len(members) > 1:
-        tell(f"refit up to {', '.join(members[:-1])}, one by one")
-    point, points = last.fitted.point, list[Point]()
-    for id in members[:0:-1]:
-        point = point.without(id)
+    """Steps whose members have changed, each fitted with those before it.
+
+    One that was fitted beside the same members is kept.
+    """
+    last = steps[-1]
+    point, points = last.fitted.point, [last.fitted.point]
+    for step in steps[:0:-1]:
+        point = point.without(step.cause)
         points.insert(0, point)
-    fits = abreast(space, [partial(refit, space, p) for p in points], last.fitted.parts)
-    return [*(replace(s, fitted=f) for s, f in zip(steps, fits, strict=False)), last]
+    anew = [
+        k for k, (s, p) in enumerate(zip(steps[:-1], points, strict=False))
+        if set(s.fitted.point.names) != set(p.names) or not _same_stages(s.fitted.point, p)
+    ]  # fmt: skip
+    if anew:
+        tell(f"refit up to {', '.join(steps[k].cause for k in anew)}, one by one")
+    fits = abreast(space, [partial(refit, space, points[k]) for k in anew], last.fitted.parts)
+    found = dict(zip(anew, fits, strict=True))
+    return [replace(s, fitted=found.get(k, s.fitted)) for k, s in enumerate(steps)]
+
+
+def _same_stages(a: Point, b: Point) -> bool:
+    return {s.id for s in a.model.stages} == {s.id for s in b.model.stages}
 
 
 def faded(space: Space, ladder: Ladder, tell: Callable[[str], None]) -> Ladder:
