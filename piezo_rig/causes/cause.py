@@ -45,6 +45,7 @@ class Context:
     steepest_v_per_s : largest |dV/dt| within a half loop, over some samples
     noise_v : what was taken out of the drive
     cycles_before : most cycles that were played in recordings before one
+    first_rises : whether any recording begins virgin and rises
     """
 
     model: Model
@@ -61,6 +62,7 @@ class Context:
     steepest_v_per_s: float = 0.0
     noise_v: float = 0.0
     cycles_before: float = 0.0
+    first_rises: bool = False
 
     @property
     def fastest_v_per_s(self) -> float:
@@ -93,6 +95,8 @@ class Cause(Stage):
     law : what (in the words of a diagnosis' dictionary) a wrong form of its assumed law would
         depend on -> by which share of the effect's size each such term may be off
     given : parameters that come with the form of an example and are not fitted
+    beside_one_curve : those that only a first rise by the same elements tells from the table: let
+        go of with `also`, and held again once the first rise has elements of its own
     sharp : parameter -> by how much finer than its example it must be varied
     like_a_bend : whether a large one is taken for a memoryless bend at a first look
     scanned : an optional parameter that is looked for over its logarithm, and by which factor at
@@ -118,6 +122,7 @@ class Cause(Stage):
     largest: ClassVar[float] = 30.0
     law: ClassVar[Mapping[str, float]] = {}
     given: ClassVar[tuple[str, ...]] = ()
+    beside_one_curve: ClassVar[tuple[str, ...]] = ()
     sharp: ClassVar[Mapping[str, float]] = {}
     scanned: ClassVar[tuple[str, float]] = ("", 1.0)
     like_a_bend: ClassVar[bool] = False
@@ -254,6 +259,7 @@ class FirstSpring(Cause):
     units: ClassVar[Mapping[str, str]] = {"slope": "V/um/V", "offset": "V/um"}
     optional: ClassVar[Mapping[str, str]] = REACHING
     given: ClassVar[tuple[str, ...]] = GIVEN
+    beside_one_curve: ClassVar[tuple[str, ...]] = ("offset",)
     scanned: ClassVar[tuple[str, float]] = SCANNED
     closings: ClassVar[tuple[float, ...]] = (0.0,)
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {"reach": (1e-6, np.inf)}
@@ -268,6 +274,13 @@ class FirstSpring(Cause):
             return slopes + self["slope"] * self.history(loops) + self["offset"]
 
         return reaching(self, branches, law)
+
+    def also(self, context: Context) -> list[Stage]:
+        """With its constant part, which is the table's own but for a first rise that follows it."""
+        one_curve = not any(s.has_elements and s.id != "maxwell" for s in context.model.stages)
+        if self["offset"] != 0.0 or not (context.first_rises and one_curve):
+            return []
+        return [self.with_values(offset=0.01 * context.span_v / context.travel_um)]
 
     @classmethod
     def variants(cls, context: Context) -> list[list[Stage]]:

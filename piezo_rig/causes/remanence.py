@@ -31,12 +31,12 @@ import numpy as np
 from piezo_rig.causes.cause import Cause, Context, FloatArray
 from piezo_rig.chain.stage import Stage
 
-RECORDINGS = 3  # looked back
+RECORDINGS = 6  # looked back
 PIECES = 400  # teeth of the saw that stands for what is left; more cost time
 GRADED = 1.2
 NEAR_IN_MEMORY = 0.01  # a kink wherever an element gives way: columns are those of one fraction
 # more of it lasts up to a larger drive: a small share, enlarged, is no example of it
-FRACTIONS = (0.02, 0.08, 0.2, 0.4)
+FRACTIONS = (0.02, 0.08, 0.2, 0.4, 0.7)
 
 
 class Remanence(Cause):

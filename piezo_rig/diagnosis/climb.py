@@ -60,7 +60,8 @@ CAME_TO_NOTHING = "once refitted it came out at a limit, or no different from no
 NEARER = 0.9  # held-out error, of that when a cause was refused, below which it is tried again
 MUCH_NEARER = 0.5  # the same for one that came to nothing
 NEAR = 1.1  # held-out error of a rival, of the best one's
-PLAINLY = 2.0  # gain of a law let go of, of what any other cause would, while there is one
+# gain of a law let go of, of what any other cause would, while there is one; of what a table would
+PLAINLY, OF_A_TABLE = 2.0, 0.6
 MASKED = 0.5  # worth of a cause, of that of one which was refused for what it predicts
 LOST = 0.3  # of what a linear look at a cause promised; a refit that keeps less went too far
 Tell = Callable[[str], None]
@@ -162,8 +163,11 @@ class Search:
             level = LATER if self.causes else LEVEL
             good = np.flatnonzero(family < level)
             best = float(result.ratio[good].max()) if good.size else 0.0
+            plainly = PLAINLY
+            if good.size and CAUSES[result.ids[good[np.argmax(result.ratio[good])]]].has_elements:
+                plainly = OF_A_TABLE  # which does whatever the law lacks, and much besides
             if bend(self, here, found, good) or (
-                good.size and self.let_go(here, PLAINLY * best)
+                good.size and self.let_go(here, plainly * best)
             ):
                 continue
             if good.size and self.take(here, found, good, family):
@@ -185,6 +189,52 @@ class Search:
         """Refit with the likeliest causes and keep the best; False where none can be kept."""
         result = found.result
         close = result.close(good)
+        tried = self.tried(here, found, close)
+        bends = [i for i, id in enumerate(result.ids) if of_base(id) and i not in close]
+        if bends and self.still_far_off(here, [fitted for _, _, fitted in tried]):
+            tried += self.tried(here, found, bends)
+        for worth, i, fitted in sorted(self.carrying(tried), key=lambda t: -t[0]):
+            id = result.ids[i]
+            if worth <= 0.0:
+                why = "once refitted it says no more than the model without it"
+                self.bar(id, here, why, MUCH_NEARER)
+                continue
+            if fitted.evidence - here.evidence > LARGE:
+                fitted = converged(self.space, fitted)
+            doubtful = family[i] > DOUBTFUL
+            worse = self.worse(fitted, here, doubtful) or self.of_a_law(fitted, id)
+            if worse is None and doubtful and not self.helps(here, fitted):
+                worse = "fits, but does not predict data that it has not seen better beyond doubt"
+            if worse is not None:
+                self.spoiled[id] = Step(id, float(family[i]), fitted)
+                self.bar(id, here, worse, NEARER)
+                continue
+            if self.masked(here, worth):
+                return True
+            rivals = tuple(
+                result.ids[j] for w, j, _ in tried
+                if j != i and w > worth - NEEDED and not of_base(result.ids[j])
+            )
+            self.accept(Step(id, float(family[i]), fitted, rivals))
+            prune(self)
+            self.scan_anew()
+            return True
+        return bool(close)
+
+    def still_far_off(self, here: Fitted, tried: Sequence[Fitted]) -> bool:
+        """Whether a model is far off, and none of its extensions brings it much nearer."""
+        error = self.error(0, here)
+        if error < FAR_OFF * self.noise_nm or here.point.fixed:
+            return False
+        return min((self.error(0, fitted) for fitted in tried), default=error) > MUCH * error
+
+    def tried(
+        self, here: Fitted, found: Found, close: Sequence[int]
+    ) -> list[tuple[float, int, Fitted]]:
+        """What causes are worth once refitted, their numbers, the refits; without those of which
+        nothing is left.
+        """
+        result = found.result
         self.tell(f"refit with {' or '.join(result.ids[i] for i in close)}")
         refits = abreast(self.space, [
             partial(self.refitted, here, found, int(i)) for i in close
@@ -206,31 +256,7 @@ class Search:
             tried.append((worth, i, fitted))
             if error is not None:
                 self.keep_error(fitted, error)
-        for worth, i, fitted in sorted(self.carrying(tried), key=lambda t: -t[0]):
-            id = result.ids[i]
-            if worth <= 0.0:
-                why = "once refitted it says no more than the model without it"
-                self.bar(id, here, why, MUCH_NEARER)
-                continue
-            if fitted.evidence - here.evidence > LARGE:
-                fitted = converged(self.space, fitted)
-            doubtful = family[i] > DOUBTFUL
-            worse = self.worse(fitted, here, doubtful) or self.of_a_law(fitted, id)
-            if worse is not None:
-                self.spoiled[id] = Step(id, float(family[i]), fitted)
-                self.bar(id, here, worse, NEARER)
-                continue
-            if self.masked(here, worth):
-                return True
-            rivals = tuple(
-                result.ids[j] for w, j, _ in tried
-                if j != i and w > worth - NEEDED and not of_base(result.ids[j])
-            )
-            self.accept(Step(id, float(family[i]), fitted, rivals))
-            prune(self)
-            self.scan_anew()
-            return True
-        return bool(close)
+        return tried
 
     def masked(self, here: Fitted, worth: float) -> bool:
         """Take in two that hide each other, where one alone is worth far more than what is next.

@@ -1,8 +1,9 @@
 """The constant part of a first spring that follows a law, and how well the data know it.
 
 k_1 = slope x history + offset (thesis eq. 7-10). While a law is looked for its offset is part of
-the element table: by how much the later branch is steeper up to the law's reach than on the same
-stretch after it. Here it is taken out of the table, for the report and for the model file.
+the element table, but for what only a first rise by the same elements shows: by how much the later
+branch is steeper up to the law's reach than on the same stretch after it. Here it is taken out of
+the table, for the report and for the model file.
 """
 
 from __future__ import annotations
@@ -119,6 +120,8 @@ def offset_of(fitted: Fitted, stage: FirstSpring) -> Parameter:
         if id == stage.id and name == "reach":
             wider = spring_of(table, reach * (1.0 + STEP))
             follows[j] += (wider - spring_of(table, reach)) / (STEP * reach)
+        if id == stage.id and name == "offset":
+            follows[j] += 1.0
     variance = noise * float(gradient @ solved) + float(follows @ fitted.covariance @ follows)
     half = float(np.hypot(1.96 * np.sqrt(max(variance, 0.0)), _depends(table, reach)))
     return Parameter(value, unit, (value - half, value + half))

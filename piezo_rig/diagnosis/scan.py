@@ -24,7 +24,7 @@ from piezo_rig.errors import InputError
 
 FloatArray = NDArray[np.float64]
 LEVEL = 0.005  # family-wise chance of a false alarm; at 0.01, 4 or 5 of 270 nulls raised one
-LATER = 1e-5  # for each after the first: what it is compared with has laws that are only assumed
+LATER = 1e-6  # for each after the first: what it is compared with has laws that are only assumed
 CLOSE, RUN_OFF = 0.4, 3  # share of the best score, and how many are refitted to compare
 ALIKE = 0.25  # the same of what looks alike but beside corners
 PLAIN = 300.0  # log-likelihood above which a whole effect is looked for between its examples
@@ -75,11 +75,14 @@ class Scan:
         """Which of the good ones are refitted to compare, the likeliest first.
 
         What a delay, a lag and loops that open with speed do is alike but for some milliseconds
-        beside corners, where a linear look says least: one of them brings along the others.
+        beside corners, where a linear look says least: one of them brings along the others. They
+        do not push out what is no question of speed.
         """
         order = good[np.argsort(-self.excess[good])]
         least = CLOSE * self.excess[order[0]]
-        close = [int(i) for i in order if self.excess[i] >= least][:RUN_OFF]
+        close = [int(i) for i in order if self.excess[i] >= least]
+        several = [i for i in close if not by_speed(self.ids[i])][:RUN_OFF]
+        close = [i for k, i in enumerate(close) if i in several or k < RUN_OFF]
         if any(by_speed(self.ids[i]) for i in close):
             far = ALIKE * self.excess[order[0]]
             close += [int(i) for i in order
@@ -125,6 +128,7 @@ def context_of(space: Space, model: Model) -> Context:
         space.groups.noise_v,
         max((float(g.played.max()) for g in space.groups.groups if g.played is not None),
             default=0.0),
+        space.groups.has_first_rise,
     )  # fmt: skip
 
 
@@ -336,6 +340,8 @@ def extended(
     shares = size * np.linalg.solve(scaled, size * (t.T @ solved[:, -1]))
     stage = kind.begun(trials, shares)
     sizes = list(fitted.point.sizes)
+    if kind.has_elements:
+        sizes = [s for s in sizes if s[1] not in _beside_one_curve(s[0])]
     for name in stage.parameters:
         if name in kind.given:
             continue
@@ -346,6 +352,11 @@ def extended(
         if moved > 0:
             sizes.append((candidate.id, name, float(moved)))
     return Point(fitted.point.model.with_stage(stage), fitted.point.fixed, tuple(sizes))
+
+
+def _beside_one_curve(id: str) -> tuple[str, ...]:
+    kind = CAUSES.get(id)
+    return kind.beside_one_curve if kind is not None and issubclass(kind, Cause) else ()
 
 
 def _gained(likelihood: Likelihood, columns: Sequence[int]) -> float:
