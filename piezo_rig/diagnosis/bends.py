@@ -21,17 +21,22 @@ if TYPE_CHECKING:
     from piezo_rig.diagnosis.climb import Search
 
 BEND = Bend.id
+FAR_OFF, MUCH = 2.0, 0.7  # so many times the noise; held-out error with a bend, of that before
+NEARER = 0.9  # of that error, below which it is tried again
 LARGE = 300.0  # log-likelihood of a cause that is refitted beside the bend
 
 
 def bend(search: Search, here: Fitted, found: Found, good: NDArray[np.int64]) -> bool:
-    """Take a memoryless bend into the base where it says more than any cause does."""
+    """Take a memoryless bend into the base where it says more than any cause does, or where
+    without it the model is far off.
+    """
     model = here.point.model
     if model.stage(BEND) is not None or (here.point.fixed and search.space.loose):
         return False
     best = float(found.result.ratio[good].max()) if good.size else 0.0
-    ratio, p = score_powers(found.linear, search.rng, best)
-    if p > LEVEL or ratio <= best:
+    far = _far_off(search, here)
+    ratio, p = score_powers(found.linear, search.rng, 0.0 if far else best)
+    if p > LEVEL or (ratio <= best and not far):
         return False
     if here.point.fixed:  # it does not say what its bend is: it is allowed to be wrong by any
         search.tell("baseline, allowed a bend")
@@ -46,6 +51,9 @@ def bend(search: Search, here: Fitted, found: Found, good: NDArray[np.int64]) ->
     # of one loop alone bend and tables are hardly told apart: cycles that are left out refuse it
     if search.worse(fitted, here, ways=1) is not None:
         return False
+    if ratio <= best and search.error(0, fitted) > MUCH * search.error(0, here):
+        search.refused_at[BEND] = NEARER * search.error(0, here)
+        return False
     for i in good:
         kind = CAUSES[found.result.ids[i]]
         if getattr(kind, "like_a_bend", False) and found.result.ratio[i] > LARGE:
@@ -57,6 +65,16 @@ def bend(search: Search, here: Fitted, found: Found, good: NDArray[np.int64]) ->
                 return False
     search.accept(Step(BEND, p, fitted))
     return True
+
+
+def _far_off(search: Search, here: Fitted) -> bool:
+    """Whether so much is left that a bend may hide what causes do to what was held out.
+
+    Whatever bends go by is projected off before causes are scored: they say little of it.
+    """
+    error = search.error(0, here)
+    near = search.refused_at.get(BEND, np.inf)
+    return not here.point.fixed and FAR_OFF * search.noise_nm < error < near
 
 
 def with_own_bend(search: Search) -> None:

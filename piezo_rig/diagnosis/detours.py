@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from piezo_rig.diagnosis.climb import Search
 
 ABREAST = 2  # members that are left out at a time
+ONE_MORE = 20.0  # log-likelihood of a member at `LATER`: no detour has it for less
 DETOURS = 2  # at most, from one ladder
 RIVAL = 0.4  # score of a rival, of the member's own
 
@@ -61,7 +62,7 @@ def detour(search: Search) -> bool:
         )  # fmt: skip
         other.forward()
         more = len(other.causes) - len(search.causes)
-        if other.fitted.evidence < full.evidence + NEEDED * (1 + max(more, 0)):
+        if other.fitted.evidence < full.evidence + NEEDED + ONE_MORE * max(more, 0):
             continue
         if other.worse(other.fitted, full) is not None:
             continue

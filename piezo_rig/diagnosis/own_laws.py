@@ -15,7 +15,7 @@ from piezo_rig.diagnosis.likelihood import Likelihood
 from piezo_rig.diagnosis.reduction import reduce
 from piezo_rig.diagnosis.refit import Fitted, settle, wholly
 from piezo_rig.diagnosis.scan import context_of
-from piezo_rig.diagnosis.spare import stood_in
+from piezo_rig.diagnosis.spare import prune, stood_in
 
 if TYPE_CHECKING:
     from piezo_rig.diagnosis.climb import Search
@@ -71,6 +71,7 @@ def also(search: Search, here: Fitted, best: float) -> bool:
         ):  # fmt: skip
             search.steps[-1] = replace(search.steps[-1], fitted=fitted)
             search.rearranged = True
+            prune(search)
             return True
     return False
 
