@@ -99,6 +99,12 @@ class CycleAging(Cause):
     def _whole(self) -> bool:
         return "whole" in self.parameters and self["whole"] > 0
 
+    def otherwise(self) -> list[Stage]:
+        own: dict[str, float] = {"whole": 0.0}
+        if self._whole:
+            own = {"whole": 1.0, "begins_at": self._begins_at}
+        return [self.with_values(**form) for form in FORMS if form != own]
+
     def increment(self, branches: Branches) -> Increment | str:
         if self._whole:
             return "how far a half loop will go is not known before its end"

@@ -61,7 +61,7 @@ NEARER = 0.9  # held-out error, of that when a cause was refused, below which it
 MUCH_NEARER = 0.5  # the same for one that came to nothing
 NEAR = 1.1  # held-out error of a rival, of the best one's
 # gain of a law let go of, of what any other cause would, while there is one; of what a table would
-PLAINLY, OF_A_TABLE = 2.0, 0.6
+PLAINLY, OF_A_TABLE = 2.0, 0.3
 MASKED = 0.5  # worth of a cause, of that of one which was refused for what it predicts
 LOST = 0.3  # of what a linear look at a cause promised; a refit that keeps less went too far
 Tell = Callable[[str], None]
@@ -273,7 +273,8 @@ class Search:
         return False
 
     def scan_anew(self) -> None:
-        """Numbers with several summits, of members that were fitted while the newest was missing.
+        """Numbers with several summits, and forms, of members that were fitted while the newest was
+        missing.
 
         How far the laws of the first spring reach is looked for at the end.
         """
@@ -281,6 +282,8 @@ class Search:
             stage = self.fitted.point.model.stage(id)
             if not isinstance(stage, Cause) or "taper" in stage.parameters:
                 continue
+            fitted = in_another_form(self.space, self.fitted, id)
+            self.steps[-1] = replace(self.steps[-1], fitted=fitted)
             if stage.scanned[0] in stage.optional and stage.scanned[0] in stage.parameters:
                 self.tell(f"refit with {id} anew")
                 fitted = summit(self.space, self.fitted, id)

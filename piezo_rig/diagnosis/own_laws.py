@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from piezo_rig.diagnosis.climb import Search
 
 LOOSE = 15.0  # log-likelihood that a law must gain by being let go of
+MORE = 8.0  # the same of a member that does one thing more
 PROMISED = 0.5  # of that, by a linear look at what is then free, for a refit to be tried
 
 
@@ -61,12 +62,12 @@ def also(search: Search, here: Fitted, best: float) -> bool:
         likelihood = Likelihood(reduce(search.space.linear(here.point, pairs)))
         gained = [likelihood.evidence([k]) - likelihood.evidence() for k in range(len(forms))]
         form, most = forms[int(np.argmax(gained))], max(gained)
-        if most < PROMISED * max(LOOSE, best):
+        if most < PROMISED * max(MORE, best):
             continue
         search.tell(f"refit with more of {id}")
         point = Point(model.with_stage(form), here.point.fixed, here.point.sizes)
         fitted = search.descended(_all_free(point, form), here, most)
-        if fitted.evidence - here.evidence > max(LOOSE, best) and (
+        if fitted.evidence - here.evidence > max(MORE, best) and (
             search.worse(fitted, here) is None
         ):  # fmt: skip
             search.steps[-1] = replace(search.steps[-1], fitted=fitted)

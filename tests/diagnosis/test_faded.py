@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +19,8 @@ from piezo_rig.diagnosis import detours
 from piezo_rig.diagnosis.climb import Search
 from piezo_rig.diagnosis.ladder import Ladder, Step
 from piezo_rig.diagnosis.refit import refit
-from piezo_rig.diagnosis.spare import faded
+from piezo_rig.diagnosis.scan import Scan
+from piezo_rig.diagnosis.spare import faded, one_by_one
 
 
 def quiet(text):
@@ -76,3 +78,39 @@ def test_a_detour_may_need_one_member_more_than_what_it_goes_around(fitted, monk
     monkeypatch.setattr(detours, "rivals_of", lambda *_: ["cycle-aging"])
     assert not detours.detour(search)
     assert tried == [3, 3]
+
+
+def test_a_rung_that_was_fitted_beside_the_same_members_is_kept(fitted):
+    space, one, both = fitted
+    told = []
+    steps = [Step("creep", 1e-9, one), Step("thermal-drift", 1e-4, both)]
+    kept = one_by_one(space, steps, told.append)
+    assert [s.fitted for s in kept] == [one, both]
+    assert told == []
+    turned = [Step("thermal-drift", 1e-4, one), Step("creep", 1e-9, both)]
+    first, last = one_by_one(space, turned, told.append)
+    assert last.fitted is both
+    stages = [s.id for s in first.fitted.point.model.stages if s.id in CAUSES]
+    assert stages == ["thermal-drift"]
+    assert told == ["refit up to thermal-drift, one by one"]
+
+
+def test_a_detour_with_one_member_more_must_be_plainly_better(fitted, monkeypatch):
+    space, one, both = fitted
+    here = replace(one, evidence=0.0)
+    monkeypatch.setattr(detours, "rivals_of", lambda *_: ["cycle-aging"])
+    monkeypatch.setattr(detours, "_one_by_one", lambda search: [("creep", one, SCANNED)])
+    monkeypatch.setattr(Search, "worse", lambda *_: None)
+    for gained, better in ((10.0, False), (40.0, True)):
+        found = [Step(c, 1e-9, replace(both, evidence=gained)) for c in THREE]
+        monkeypatch.setattr(Search, "forward", lambda self, found=found: setattr(
+            self, "steps", found
+        ))  # fmt: skip
+        steps = [Step(c, 1e-9, here) for c in THREE[:2]]
+        search = Search(space, one, np.random.default_rng(0), quiet, [], 2.0, 0,
+                        lambda less, full: True, steps)  # fmt: skip
+        assert detours.detour(search) == better
+
+
+THREE = ("creep", "thermal-drift", "cycle-aging")
+SCANNED = Scan(("creep",), np.ones(1), np.zeros(1), np.ones(1), np.ones(1), {})
