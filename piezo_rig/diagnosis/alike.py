@@ -13,17 +13,24 @@ from numpy.typing import NDArray
 from piezo_rig.causes import CAUSES
 from piezo_rig.causes.cycle_aging import CycleAging
 from piezo_rig.causes.remanence import Remanence
-from piezo_rig.chain import Model
+from piezo_rig.chain import Model, Parameter
+from piezo_rig.diagnosis.chances import chi2_above, student_above, student_half_width
 from piezo_rig.diagnosis.groups import Group, Groups
 from piezo_rig.diagnosis.left_before import left_before
 from piezo_rig.diagnosis.scan import one_curve
+from piezo_rig.diagnosis.unsteady import unsteady
+from piezo_rig.diagnosis.whitening import CellWhitener
 
 FloatArray = NDArray[np.float64]
 FEW = np.array([0.03, 0.2])
 TRIED = np.array([0.01, 0.02, 0.04, 0.07, 0.1, 0.15, 0.2, 0.25, 0.3, 0.4, 0.5, 0.65, 0.8])
 AT_ALL = 0.99  # of that square, by one of the few, for all to be tried
 LESS = 0.8  # of the mean square by which they differ, that memory must leave
+NOTHING = 1e-6  # of the largest square
 AGED = 0.001  # a decade: so little that what it does is linear in it
+# chances: that a gain is steady, for it to be asked whether it ages, and once that is taken off;
+# a false alarm of this kind, among as many causes as are looked for
+UNSTEADY, STEADY, FALSE, TRIED_BESIDE = 0.05, 0.01, 1e-3, 30
 
 
 def of_one_history(groups: Groups, model: Model) -> Groups:
@@ -53,25 +60,72 @@ def plainly_apart(groups: Groups, model: Model) -> Model | None:
     return min(told, key=lambda found: found[0])[1] if told else None
 
 
+def _aged(model: Model, rate: Parameter) -> Model:
+    """With a whole strain that grows through the session."""
+    one = Parameter(1.0, "1")
+    return model.with_stage(CycleAging({"rate_per_decade": rate, "whole": one, "session": one}))
+
+
 def _ageing(groups: Groups, model: Model) -> tuple[float, Model] | None:
     """What ageing through the session leaves of the differences, its whole strain growing."""
-    def aged(rate: float) -> Model:
-        return model.with_stage(
-            CycleAging.of(None, rate_per_decade=rate, whole=1.0, session=1.0)
-        )
-
-    if not differ(groups, aged(AGED)):
+    found = _rates(groups, model)
+    if found is None:
         return None
-    changes = of_one_history(groups, aged(AGED))
-    square = product = 0.0
+    rates, weights = found
+    aged = _aged(model, Parameter(float(rates @ weights), "1"))
+    return _differing(of_one_history(groups, aged)), aged
+
+
+def _rates(groups: Groups, model: Model) -> tuple[FloatArray, FloatArray] | None:
+    """Rates of ageing through the session by which the recordings of every drive differ, and what
+    each counts, shapes (g,); drives whose recordings cannot differ by it are left out.
+    """
+    little = _aged(model, Parameter(AGED, "1"))
+    if not differ(groups, little):
+        return None
+    changes = of_one_history(groups, little)
+    squares, products = list[float](), list[float]()
     for g, c in zip(groups.groups, changes.groups, strict=True):
         own, made = _apart(g), _apart(g.with_measured(g.measured_um - c.measured_um))
-        square += sum(float(np.sum(m**2)) for m in made)
-        product += sum(float(np.sum(a * m)) for a, m in zip(own, made, strict=True))
-    if not square > 0.0:
+        squares.append(sum(float(np.sum(m**2)) for m in made))
+        products.append(sum(float(np.sum(a * m)) for a, m in zip(own, made, strict=True)))
+    square, product = np.array(squares), np.array(products)
+    kept = square > NOTHING * square.max(initial=0.0)
+    if not kept.any():
         return None
-    found = aged(AGED * product / square)
-    return _differing(of_one_history(groups, found)), found
+    return AGED * product[kept] / square[kept], square[kept] / square[kept].sum()
+
+
+def ages_unseen(
+    groups: Groups, whitener: CellWhitener, model: Model
+) -> tuple[Model, float] | None:
+    """The model with the ageing by which recordings of one drive differ, and its chance.
+
+    Noise may hide it in every recording by itself. All together show it by how far the gain is from
+    steady, and by how little the rates scatter from drive to drive (Student's law); of noise, size
+    and direction are independent, so both chances count (R. A. Fisher's sum of logarithms). It is
+    believed where nothing unsteady is left. The interval of the rate is that of the scatter.
+    """
+    if model.counts_on or model.remembering:
+        return None
+    before = unsteady(groups, whitener, model)
+    found = _rates(groups, model) if before and before.p_value < UNSTEADY else None
+    if before is None or found is None or found[0].size < 3:
+        return None
+    rates, weights = found
+    rate, freedom = float(rates @ weights), rates.size - 1
+    spread = max(float(np.sqrt(weights @ (rates - rate) ** 2 / freedom)), 1e-300)
+    both = before.p_value, 2.0 * student_above(abs(rate) / spread, freedom)
+    logs = float(np.sum(np.log(np.maximum(both, 1e-300))))
+    chance = TRIED_BESIDE * float(chi2_above(-2.0 * logs, 4))
+    half = student_half_width(freedom) * spread
+    aged = _aged(model, Parameter(rate, "1", (rate - half, rate + half)))
+    if chance > FALSE:
+        return None
+    after = unsteady(of_one_history(groups, aged), whitener, aged)
+    if after is None or after.p_value < STEADY:
+        return None
+    return aged, chance
 
 
 def _remembering(groups: Groups, model: Model, before: float) -> tuple[float, Model] | None:

@@ -11,7 +11,13 @@ from numpy.typing import NDArray
 from piezo_rig.causes.cause import Cause
 from piezo_rig.chain import Model
 from piezo_rig.diagnosis import engine
-from piezo_rig.diagnosis.alike import differ, numbers_apart, of_one_history, plainly_apart
+from piezo_rig.diagnosis.alike import (
+    ages_unseen,
+    differ,
+    numbers_apart,
+    of_one_history,
+    plainly_apart,
+)
 from piezo_rig.diagnosis.climb import climb
 from piezo_rig.diagnosis.early import Reading, noise_floor_nm
 from piezo_rig.diagnosis.fit import Point
@@ -38,7 +44,7 @@ from piezo_rig.diagnosis.spare import faded
 FloatArray = NDArray[np.float64]
 WORSE, STRICT, AWAY = 1.03, 1.01, 3.0  # by which an extension may raise held-out errors
 ROUNDS, SETTLED = 3, 0.05  # of what is left in memory; the share by which it has changed
-PERIODIC = "periodic-nonlinearity"
+PERIODIC, AGEING = "periodic-nonlinearity", "cycle-aging"
 CLOSE = 1.3  # times the noise floor: nearly nothing is left, and a true cause does no harm
 
 
@@ -52,7 +58,8 @@ class Climbed:
     floor_nm : noise of one recording; None without repeats
     repeated : whether the noise was measured between repeats
     first : the baseline; the ladder is climbed from the last of ``monitored``, if there are any
-    monitored, said : rungs that the drive monitor gives; what is to be said of those it does not
+    monitored, said : rungs that the drive monitor gives, or what recordings of one drive differ
+        by; what is to be said of those it does not
     reading : of the drive monitor, with the delay as the displacement has it
     spread : intervals that are not those of a linear fit
     """
@@ -101,11 +108,19 @@ def climbed(
         last = out.ladder.last.point.model
         before, left = left, numbers_apart(last)
         if known is not None and not differ(clean, last):
-            return _climbed(clean, start, rng, tell, others, reading, brief)
+            out = _climbed(clean, start, rng, tell, others, reading, brief)
+            break
         if not differ(clean, last) or _near(before, left):
             break
         tell("recordings as if played after the same ones")
         same = of_one_history(clean, last)
+    last = out.ladder.last.point.model
+    unseen = None if brief else ages_unseen(clean, out.space.whitener, last)
+    if unseen is not None:
+        aged, chance = unseen
+        tell("recordings as if made at the same count of cycles")
+        same = of_one_history(clean, aged)
+        out = _climbed(same, start, rng, tell, others, reading, told=(aged, chance))
     return out
 
 
@@ -116,8 +131,14 @@ def _near(before: tuple[float, ...], left: tuple[float, ...]) -> bool:
 def _climbed(
     clean: Groups, start: Point, rng: np.random.Generator, tell: Callable[[str], None], others: int,
     reading: Reading | None, brief: bool = False, scale: Model | None = None,
+    told: tuple[Model, float] | None = None,
 ) -> Climbed:
-    """``scale`` : explains more than ``start`` does, and tells where on it recordings begin."""
+    """
+    Parameters
+    ----------
+    scale : explains more than ``start`` does, and tells where on it recordings begin
+    told : a model with the ageing that recordings of one drive show, and its chance
+    """
     tell("noise")
     before, clean = clean, on_one_scale(clean, scale or start.model)
     only_for_scale = scale is None and clean is not before
@@ -135,6 +156,12 @@ def _climbed(
         out.monitored, out.said = taken_in(space, first, reading)
         if out.monitored:
             first = out.monitored[-1].fitted
+    if told is not None:
+        stage = told[0].stage(AGEING)
+        assert stage is not None
+        point = replace(first.point, model=first.point.model.with_stage(stage))
+        first = refit(space, point)
+        out.monitored.append(Step(AGEING, told[1], first))
 
     def reported(fitted: Fitted) -> float:
         return out.errors(fitted).rms_nm
@@ -165,7 +192,7 @@ def _climbed(
         # phases were read beside all that the baseline leaves; most of that is explained now
         tell("where recordings begin on the interferometer's scale")
         last = out.ladder.last.point.model.without(PERIODIC)
-        return _climbed(clean, start, rng, tell, others, reading, brief, last)
+        return _climbed(clean, start, rng, tell, others, reading, brief, last, told)
     if brief and out.ladder.steps:
         return out
     if not out.monitored or reading is None:
@@ -177,7 +204,7 @@ def _climbed(
     if other is None:
         return _at_their_reaches(out, tell)
     tell("without the monitor's delay")
-    out = _climbed(clean, start, rng, tell, others, other[0])
+    out = _climbed(clean, start, rng, tell, others, other[0], told=told)
     out.said = [*out.said, other[1]]
     return out
 

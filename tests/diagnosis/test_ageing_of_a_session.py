@@ -52,3 +52,28 @@ def test_ageing_that_begins_anew_is_told_from_it():
 
 def test_nothing_ages_in_an_actuator_that_does_not():
     assert diagnose(recordings(conditions=shuffled())).findings == []
+
+
+@pytest.mark.parametrize(("rate", "seed"), [(-0.0015, 0), (0.002, 1)])
+def test_ageing_that_noise_hides_in_every_recording_is_seen_in_all_of_them(rate, seed):
+    found = diagnose(recordings(
+        aged(rate), repeats=3, kind="1/f", seed=seed, conditions=shuffled()
+    ))  # fmt: skip
+    (finding,) = found.findings
+    assert finding.cause == "cycle-aging"
+    value = finding.parameters["rate_per_decade"]
+    assert value.value == pytest.approx(rate, rel=0.25)
+    assert value.ci95[0] < value.value < value.ci95[1]
+    assert not found.unexplained.detected
+
+
+def test_a_gain_that_is_not_steady_for_another_reason_is_no_ageing():
+    per_mille = (0.0, -1.0, 1.5, -2.0, 1.0, -1.5, 0.5, 1.0, -0.5, 0.0, -1.5, 0.0)
+    gains = iter([1.0 + 1e-3 * p for p in per_mille])
+
+    def wobbling(x, drive, t):
+        return x * next(gains)
+
+    found = diagnose(recordings(wobbling, repeats=3, conditions=shuffled()))
+    assert "cycle-aging" not in [f.cause for f in found.findings]
+    assert found.unexplained.detected
