@@ -282,13 +282,13 @@ class Search:
             stage = self.fitted.point.model.stage(id)
             if not isinstance(stage, Cause) or "taper" in stage.parameters:
                 continue
-            fitted = in_another_form(self.space, self.fitted, id)
-            self.steps[-1] = replace(self.steps[-1], fitted=fitted)
             if stage.scanned[0] in stage.optional and stage.scanned[0] in stage.parameters:
                 self.tell(f"refit with {id} anew")
                 fitted = summit(self.space, self.fitted, id)
                 if fitted.evidence > self.fitted.evidence + NEEDED:
                     self.steps[-1] = replace(self.steps[-1], fitted=fitted)
+            fitted = in_another_form(self.space, self.fitted, id)
+            self.steps[-1] = replace(self.steps[-1], fitted=fitted)
 
     def grown(
         self, here: Fitted, found: Found, i: int, fitted: Fitted, most: float

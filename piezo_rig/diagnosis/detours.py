@@ -62,7 +62,8 @@ def detour(search: Search) -> bool:
         )  # fmt: skip
         other.forward()
         more = len(other.causes) - len(search.causes)
-        if other.fitted.evidence < full.evidence + NEEDED + ONE_MORE * max(more, 0):
+        better = NEEDED + ONE_MORE * more if more >= 0 else -NEEDED  # than with one to spare
+        if other.fitted.evidence < full.evidence + better:
             continue
         if other.worse(other.fitted, full) is not None:
             continue

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
 NEEDED = 3.0  # log-likelihood that decides between models
 SAFE = 20.0  # times what a table must be worth: not looked at again
+BESIDE = 5.0  # d' of a member beside others: about what `LATER` asks of it
 AMISS = 0.45  # of the noise: what is left beside it where something is amiss
 HARDLY = 1.0  # held-out error with a member, of that before
 LOSES = 1.001  # the same of the whole ladder, of that without the member
@@ -111,7 +112,7 @@ def faint(search: Search) -> None:
         settle(search.space, search.fitted.point)
         found = certainties(search.space, search.fitted, search.causes)
         id = min(found, key=lambda c: found[c])
-        if found[id] >= APART:
+        if found[id] >= (APART if len(search.causes) == 1 else BESIDE):
             return
         search.tell(f"refit without {id}")
         less = refit(search.space, search.fitted.point.without(id), held=True)

@@ -75,6 +75,7 @@ def test_a_detour_may_need_one_member_more_than_what_it_goes_around(fitted, monk
                     lambda less, full: True, steps)  # fmt: skip
     tried = []
     monkeypatch.setattr(Search, "forward", lambda self: tried.append(self.most))
+    monkeypatch.setattr(Search, "worse", lambda *_: "predicts worse")
     monkeypatch.setattr(detours, "rivals_of", lambda *_: ["cycle-aging"])
     assert not detours.detour(search)
     assert tried == [3, 3]
@@ -112,5 +113,21 @@ def test_a_detour_with_one_member_more_must_be_plainly_better(fitted, monkeypatc
         assert detours.detour(search) == better
 
 
+def test_a_detour_that_does_without_a_member_need_not_be_better(fitted, monkeypatch):
+    space, one, both = fitted
+    monkeypatch.setattr(Search, "forward", lambda self: None)
+    monkeypatch.setattr(Search, "worse", lambda *_: None)
+    monkeypatch.setattr(detours, "rivals_of", lambda *_: ["cycle-aging"])
+    monkeypatch.setattr(detours, "_one_by_one", lambda search: [("thermal-drift", less, DRIFT)])
+    for lost, better in ((1.0, True), (10.0, False)):
+        less = replace(one, evidence=-lost)
+        steps = [Step(c, 1e-9, replace(both, evidence=0.0)) for c in THREE[:2]]
+        search = Search(space, one, np.random.default_rng(0), quiet, [], 2.0, 0,
+                        lambda less, full: True, steps)  # fmt: skip
+        assert detours.detour(search) == better
+
+
 THREE = ("creep", "thermal-drift", "cycle-aging")
-SCANNED = Scan(("creep",), np.ones(1), np.zeros(1), np.ones(1), np.ones(1), {})
+SCANNED, DRIFT = (
+    Scan((id,), np.ones(1), np.zeros(1), np.ones(1), np.ones(1), {}) for id in THREE[:2]
+)
