@@ -31,7 +31,7 @@ import numpy as np
 from piezo_rig.causes.cause import Cause, Context, FloatArray
 from piezo_rig.chain.stage import Stage
 
-RECORDINGS = 6  # looked back
+RECORDINGS = 3  # looked back
 PIECES = 400  # teeth of the saw that stands for what is left; more cost time
 GRADED = 1.2
 NEAR_IN_MEMORY = 0.01  # a kink wherever an element gives way: columns are those of one fraction
