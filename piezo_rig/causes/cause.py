@@ -277,8 +277,7 @@ class FirstSpring(Cause):
 
     def also(self, context: Context) -> list[Stage]:
         """With its constant part, which is the table's own but for a first rise that follows it."""
-        one_curve = not any(s.has_elements and s.id != "maxwell" for s in context.model.stages)
-        if self["offset"] != 0.0 or not (context.first_rises and one_curve):
+        if self["offset"] != 0.0 or not (context.first_rises and context.model.one_curve):
             return []
         return [self.with_values(offset=0.01 * context.span_v / context.travel_um)]
 

@@ -198,10 +198,16 @@ class Model:
         return still._play(at_rest(time, drive), True, Memo()).displacement_um[before:]
 
     @property
+    def one_curve(self) -> bool:
+        """Whether the first rise follows the same elements as all others."""
+        return not any(s.has_elements and not isinstance(s, Maxwell) for s in self.stages)
+
+    @property
     def remembering(self) -> list[Stage]:
         """Stages that know of drives before this one, and can make a virgin model remember them."""
-        own = any(s.has_elements and not isinstance(s, Maxwell) for s in self.stages)
-        return [] if own else [s for s in self.stages if type(s).preface is not Stage.preface]
+        if not self.one_curve:
+            return []
+        return [s for s in self.stages if type(s).preface is not Stage.preface]
 
     @property
     def counts_on(self) -> bool:

@@ -17,7 +17,6 @@ from piezo_rig.chain import Model, Parameter
 from piezo_rig.diagnosis.chances import chi2_above, student_above, student_half_width
 from piezo_rig.diagnosis.groups import Group, Groups
 from piezo_rig.diagnosis.left_before import left_before
-from piezo_rig.diagnosis.scan import one_curve
 from piezo_rig.diagnosis.unsteady import unsteady
 from piezo_rig.diagnosis.whitening import CellWhitener
 
@@ -132,7 +131,7 @@ def _remembering(groups: Groups, model: Model, before: float) -> tuple[float, Mo
     """What the likeliest memory leaves of the differences; None where it cannot be seen."""
     if Remanence.id not in CAUSES or not all(g.earlier for g in groups.groups):
         return None
-    if not one_curve(model) or not differ(groups, _left(model, FEW[0])):
+    if not model.one_curve or not differ(groups, _left(model, FEW[0])):
         return None
 
     def worth(fractions: FloatArray) -> tuple[float, Model]:

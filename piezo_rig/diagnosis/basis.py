@@ -51,7 +51,7 @@ def _bands(model: Model, group: Group, played: FloatArray) -> FloatArray:
     walk = branches.walk(drive)
     first = branches.initiation.compliance_um_per_v.size
     later = 1 + branches.rest.compliance_um_per_v.size
-    own = any(s.has_elements and s.id != "maxwell" for s in model.stages)
+    own = not model.one_curve
     rows = []
     for stage in model.stages:
         if stage.elements is None:

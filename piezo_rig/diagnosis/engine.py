@@ -191,7 +191,7 @@ def _centred(columns: FloatArray) -> FloatArray:
 def space_of(groups: Groups, whitener: CellWhitener, model: Model) -> tuple[Space, str]:
     """A prepared space, and what is held out."""
     pieces, kind = pieces_of(groups)
-    first = any(s.has_elements and s.id != "maxwell" for s in model.stages)
+    first = not model.one_curve
     space = Space(groups, pieces, whitener, scales_of(groups), first)
     space.prepare(model)
     return space, kind

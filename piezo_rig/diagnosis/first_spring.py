@@ -65,7 +65,7 @@ def with_offset(fitted: Fitted, model: Model, stage: FirstSpring) -> Model:
     """
     table = model.maxwell.elements
     assert table is not None
-    if not any(s.has_elements and s.id != "maxwell" for s in model.stages):
+    if model.one_curve:
         return model
     law = type(stage)(stage.parameters | {"offset": offset_of(fitted, stage)})
     moved = type(model.maxwell).of(without_offset(table, stage, law["offset"] - stage["offset"]))

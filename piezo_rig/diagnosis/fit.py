@@ -55,7 +55,7 @@ class Point:
     @property
     def has_first_rise(self) -> bool:
         """Whether the model has a curve of its own for the first rise."""
-        return any(s.has_elements and s.id != "maxwell" for s in self.model.stages)
+        return not self.model.one_curve
 
     @property
     def compliances(self) -> int:

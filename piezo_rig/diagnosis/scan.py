@@ -178,7 +178,7 @@ def candidates(space: Space, model: Model) -> tuple[list[Candidate], dict[str, s
             )
             continue
         if kind.needs_known_order and not (
-            all(g.earlier for g in space.groups.groups) and one_curve(model)
+            all(g.earlier for g in space.groups.groups) and model.one_curve
         ):
             refused[id] = (
                 "only where every recording is said to begin virgin, at a time of its own, and "
@@ -199,11 +199,6 @@ def candidates(space: Space, model: Model) -> tuple[list[Candidate], dict[str, s
         if variants:
             found.append(Candidate(id, tuple(tuple(v) for v in variants)))
     return found, refused
-
-
-def one_curve(model: Model) -> bool:
-    """Whether the first rise of a model follows the same elements as all others."""
-    return not any(s.has_elements and s.id != "maxwell" for s in model.stages)
 
 
 @dataclass(frozen=True, eq=False)
