@@ -166,6 +166,11 @@ class Cause(Stage):
             return []
         return [[t.with_values(**{name: t[name] * f}) for t in trials] for f in factor**FINER]
 
+    @property
+    def tapers(self) -> tuple[float, ...]:
+        """Ways in which a law may end: see `TAPERS`."""
+        return TAPERS
+
     def otherwise(self) -> list[Stage]:
         """The same in other forms; a diagnosis takes one of those where it is plainly better."""
         return []
@@ -241,6 +246,7 @@ def added_by(stage: Stage, time_s: FloatArray, drive_v: FloatArray) -> FloatArra
 
 REACHING: Mapping[str, str] = {"reach": "um", "closing": "1", "taper": "1"}
 GIVEN = ("closing", "taper")
+TAPERS = (0.0, 1.0)  # how a law ends: all at once; little by little
 FINER = np.linspace(-6.0, 6.0, 13)  # steps over the parameter that a cause wants scanned
 SCANNED = ("reach", 2.0**0.125)
 APART, LONGEST = 1.5, 0.05  # of delays that are tried; the longest, of the time of a half loop
@@ -290,13 +296,15 @@ class FirstSpring(Cause):
         ]
 
 
-def forms(context: Context, closings: Sequence[float]) -> list[dict[str, float]]:
+def forms(
+    context: Context, closings: Sequence[float], tapers: Sequence[float] = TAPERS
+) -> list[dict[str, float]]:
     """How far after a turning point a law may hold, and how it may end."""
     return [
         {"reach": share * context.travel_um, "closing": closing, "taper": taper}
         for share in (0.01, 0.02, 0.04, 0.08, 0.16)
         for closing in closings
-        for taper in (0.0, 1.0)
+        for taper in tapers
     ]
 
 

@@ -11,7 +11,13 @@ of half a volt as it closes one of 75 V. With ``closing`` 1 the asymmetry is the
 of a state: even in the stop operator of the displacement, at whose two ends the two kinds of half
 loop begin (a function of hysteresis operators closes what they close; K. Kuhnen, Eur. J. Control 9
 (2003) 407, makes his asymmetric operator so). What a half loop gains up to the ``reach`` it gives
-back until twice that, and what a smaller loop gains it gives back itself.
+back until twice that, and what a smaller loop gains it gives back itself. With ``taper`` 1 it does
+so little by little. With 2 the state is the mean of stops of every width up to three times the
+reach, as of many walls, with 3 of widths that are distributed like exp(-width/reach): it is gained
+fast and given back with a long tail.
+
+The state begins in its middle, or, with ``from_below`` 1, at its lower end, as if the first rise
+were one of many. Whether a first rise from rest has anything of it at all is assumed.
 
 Shows as: a difference between half loops right after the turning point that
 follows the direction and nothing else.
@@ -28,12 +34,18 @@ from typing import ClassVar
 
 import numpy as np
 
-from piezo_rig.causes.cause import GIVEN, REACHING, SCANNED, Cause, Context, forms, reaching
+from piezo_rig.causes.cause import GIVEN, REACHING, SCANNED, TAPERS, Cause, Context, forms, reaching
 from piezo_rig.chain.branches import Branches, FloatArray
 from piezo_rig.chain.half_loops import HalfLoops
 from piezo_rig.chain.increments import Increment, Operation
 from piezo_rig.chain.stage import Signal, Stage
 from piezo_rig.errors import InputError
+
+WIDTHS: tuple[FloatArray, ...] = (  # of the stops, in reaches, taper by taper
+    np.array([1.0]), np.array([2.0]), np.linspace(3.0 / 16.0, 3.0 - 3.0 / 16.0, 8),
+    -np.log1p(-np.linspace(1.0 / 16.0, 15.0 / 16.0, 8)),
+)  # fmt: skip
+TAILS = (2.0, 3.0)  # tapers with a long tail
 
 
 class DirectionAsymmetry(Cause):
@@ -43,12 +55,12 @@ class DirectionAsymmetry(Cause):
     place = "actuator"
     together = True
     law: ClassVar[Mapping[str, float]] = {
-        "direction": 0.1, "drive+direction": 0.1, "first rise": 0.25,
+        "direction": 0.15, "drive+direction": 0.15, "first rise": 2.0,
     }  # fmt: skip
     units: ClassVar[Mapping[str, str]] = {"ratio": "1"}
     neutral: ClassVar[Mapping[str, float]] = {"ratio": 1.0}
-    optional: ClassVar[Mapping[str, str]] = REACHING
-    given: ClassVar[tuple[str, ...]] = GIVEN
+    optional: ClassVar[Mapping[str, str]] = {**REACHING, "from_below": "1"}
+    given: ClassVar[tuple[str, ...]] = (*GIVEN, "from_below")
     rate_free = True
     scanned: ClassVar[tuple[str, float]] = SCANNED
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {
@@ -67,31 +79,48 @@ class DirectionAsymmetry(Cause):
         return "closing" in self.parameters and self["closing"] >= 1.0
 
     @property
-    def state(self) -> tuple[float, float, bool]:
-        """Width of the stop to either side, um; share of the compliance at its ends; whether the
-        share fades between them, or turns in the middle.
+    def tapers(self) -> tuple[float, ...]:
+        return (*TAPERS, *TAILS) if self.closes else super().tapers
+
+    @property
+    def from_below(self) -> bool:
+        """Whether the state begins at its lower end."""
+        return "from_below" in self.parameters and self["from_below"] > 0
+
+    @property
+    def state(self) -> tuple[FloatArray, float, bool]:
+        """Widths of the stops to either side, um; share of the compliance at their ends; whether
+        the share fades between them, or turns in the middle.
         """
-        fades = "taper" in self.parameters and self["taper"] > 0
+        taper = self["taper"] if "taper" in self.parameters else 0.0
         share = (1.0 - self["ratio"]) / (1.0 + self["ratio"])
-        return (2.0 if fades else 1.0) * self["reach"], share, fades
+        return np.asarray(WIDTHS[int(taper)] * self["reach"]), share, taper > 0
 
     def act(self, signal: Signal) -> Signal:
         if not self.closes:
             return signal
         from piezo_rig.chain.stops import stopped_each
 
-        width, share, fades = self.state
+        widths, share, fades = self.state
         x = np.ascontiguousarray(signal.displacement_um)
-        stop = stopped_each(signal.begins, x, width)
+        stop = stopped_each(signal.begins, x, widths, -1.0 if self.from_below else 0.0)
         return signal.with_displacement(
-            x - share * (stop * stop / (2.0 * width) if fades else np.abs(stop))
+            x - share * (stop * stop / (2.0 * widths.mean()) if fades else np.abs(stop))
         )
+
+    def otherwise(self) -> list[Stage]:
+        """Begun elsewhere."""
+        return [self.with_values(from_below=0.0 if self.from_below else 1.0)] if self.closes else []
 
     def increment(self, branches: Branches) -> Increment | str:
         if not self.closes:
             return Increment(Operation.GAIN, (1.0, 0.0))
-        width, share, fades = self.state
-        return Increment(Operation.STOP, (width, share, float(fades)))
+        widths, share, fades = self.state
+        return Increment(
+            Operation.STOP,
+            (share, float(fades), -float(self.from_below), float(widths.size),
+             *map(float, widths)),
+        )  # fmt: skip
 
     def shape(self, branches: Branches) -> Branches:
         if self.closes:
@@ -116,5 +145,9 @@ class DirectionAsymmetry(Cause):
     @classmethod
     def variants(cls, context: Context) -> list[list[Stage]]:
         return [
-            [cls.of(None, ratio=1.01, **form)] for form in forms(context, (0.0, 1.0))
-        ]
+            [cls.of(None, ratio=1.01, **form)]
+            for form in [
+                *forms(context, (0.0,)), *forms(context, (1.0,), TAILS),
+                *(f | {"from_below": 1.0} for f in forms(context, (1.0,), TAILS)),
+            ]
+        ]  # fmt: skip

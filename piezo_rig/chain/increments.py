@@ -39,7 +39,8 @@ class Operation(IntEnum):
     AGE = 9
     """share of the stroke per decade of cycles"""
     STOP = 10
-    """width um to either side, share of the compliance at its ends, whether the share fades (1)"""
+    """share of the compliance at its ends, whether the share fades (1), where it begins, of the
+    width; how many, their widths um"""
     BEND_DISPLACEMENT = 11
     """coefficients 1/um and 1/um^2 of its square and cube"""
     BEND_DRIVE = 12

@@ -12,10 +12,10 @@ import numpy as np
 
 
 @numba.njit(cache=True, nogil=True)
-def stopped(signal, width):
-    """The stop (n,) of a signal, within ``width`` to either side; 0 at the first sample."""
+def stopped(signal, width, first=0.0):
+    """The stop (n,) of a signal, within ``width`` to either side; ``first``, of it, at first."""
     out = np.empty(signal.size)
-    s = 0.0
+    s = first * width
     for i in range(signal.size):
         if i > 0:
             s = min(max(s + signal[i] - signal[i - 1], -width), width)
@@ -24,11 +24,12 @@ def stopped(signal, width):
 
 
 @numba.njit(cache=True, nogil=True)
-def stopped_each(begins, signal, width):
-    """`stopped` of stretches that begin at these samples."""
-    out = np.empty(signal.size)
+def stopped_each(begins, signal, widths, first=0.0):
+    """Mean (n,) of the stops of these widths, of stretches that begin at these samples."""
+    out = np.zeros(signal.size)
     for k in range(begins.size):
         a = begins[k]
         b = begins[k + 1] if k + 1 < begins.size else signal.size
-        out[a:b] = stopped(signal[a:b], width)
-    return out
+        for width in widths:
+            out[a:b] += stopped(signal[a:b], width, first)
+    return out / widths.size

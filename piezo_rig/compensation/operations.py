@@ -52,8 +52,10 @@ def begin(kind, n, new, x, drive):
         new[1] = drive
         return x
     if kind == STOP:
-        new[1] = x
-        return x
+        new[0] = x
+        for k in range(int(n[3])):
+            new[1 + k] = n[2] * n[4 + k]
+        return _stop(n, new, new, x)
     if kind == BEND_DISPLACEMENT:
         return x + x * x * (n[0] + n[1] * x)
     if kind == BEND_DRIVE:
@@ -235,8 +237,13 @@ def _age(n, band, old, new, x, drive):
 
 @numba.njit(cache=True)
 def _stop(n, old, new, x):
-    """Memory: the stop, its input."""
-    s = min(max(old[0] + x - old[1], -n[0]), n[0])
-    new[0] = s
-    new[1] = x
-    return x - n[1] * (s * s / (2.0 * n[0]) if n[2] > 0.0 else abs(s))
+    """Memory: its input, the stops."""
+    m = int(n[3])
+    mean = most = 0.0
+    for k in range(m):
+        width = n[4 + k]
+        new[1 + k] = min(max(old[1 + k] + x - old[0], -width), width)
+        mean += new[1 + k] / m
+        most += width / m
+    new[0] = x
+    return x - n[0] * (mean * mean / (2.0 * most) if n[1] > 0.0 else abs(mean))

@@ -21,6 +21,7 @@ from contextlib import contextmanager, suppress
 from typing import Any, NoReturn, Protocol, TypeVar
 
 Made = TypeVar("Made")
+Other = TypeVar("Other")
 
 
 class Settled(Protocol):
@@ -81,6 +82,16 @@ def abreast(
             if k not in found:  # failed there, as for want of memory, or raises here as well
                 found[k] = _isolated(space, steps[k])
     return [found[k] for k in range(len(steps))]
+
+
+def both(
+    space: Settled, one: Callable[[], Made], other: Callable[[], Other],
+    known: Iterable[object] = (),
+) -> tuple[Made, Other]:  # fmt: skip
+    """`abreast` of two steps that give different things."""
+    steps: list[Callable[[], Any]] = [one, other]
+    made, besides = abreast(space, steps, known)
+    return made, besides
 
 
 def _possible() -> bool:

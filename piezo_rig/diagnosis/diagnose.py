@@ -16,7 +16,7 @@ from piezo_rig.causes.input_bend import InputBend
 from piezo_rig.causes.output_bend import OutputBend
 from piezo_rig.chain import Model, Parameter
 from piezo_rig.chain.bend import Bend
-from piezo_rig.diagnosis.abreast import abreast
+from piezo_rig.diagnosis.abreast import abreast, both
 from piezo_rig.diagnosis.as_recorded import as_recorded
 from piezo_rig.diagnosis.bursts import bursts
 from piezo_rig.diagnosis.checks import (
@@ -31,6 +31,8 @@ from piezo_rig.diagnosis.confusion import confusion
 from piezo_rig.diagnosis.early import (
     HUM,
     TRIED,
+    Early,
+    Reading,
     clean_up,
     find_line,
     hum_again,
@@ -121,15 +123,22 @@ def _diagnosed(
     tell("outliers, jumps, lost samples and hum")
     tried = len(TRIED)
     count = sum(1 for k in CAUSES.values() if issubclass(k, Cause))
-    found_early, point = clean_up(
-        raw, sweeps, start.point, lambda groups, p: refit(plain_space(groups, p.model), p).point,
-        SHARE * LEVEL, count,
-    )  # fmt: skip
+
+    def cleaned() -> tuple[list[Early], Point]:
+        return clean_up(
+            raw, sweeps, start.point,
+            lambda groups, p: refit(plain_space(groups, p.model), p).point, SHARE * LEVEL, count,
+        )  # fmt: skip
+
+    def heard() -> Reading | None:
+        return read_monitor(raw, sweeps, SHARE * LEVEL, count)
+
+    # neither asks for what the other says: the monitor hears nothing of what the sensor does
+    (found_early, point), reading = both(flat, cleaned, heard, [raw, *start.parts])
     clean = raw
     if found_early:
         clean = found_early[-1].groups
         start = refit(plain_space(clean, point.model), point)
-    reading = read_monitor(clean, sweeps, SHARE * LEVEL, count)
     if reading is not None:
         notes += reading.notes
         warnings += reading.warnings

@@ -32,7 +32,6 @@ PARABOLAS, SETTLED, TOP = 6, 1.0, 0.05  # at most so many; gains in log-likeliho
 FURTHER, FURTHER_BY = 4, 1.4
 WIDE = 1.25  # between lengths from which an effect that lasts is begun
 WITHIN = 0.4  # of a sample
-FORMS = (0.0, 1.0)  # tapers of a law
 SHORTEST, WIDER, REACHES = 0.006, 1.19, 21  # its reach: of the travel, step, how many
 STEEP = 0.4  # of the mean spring constant, by the whole range of the drive
 LIKELIEST = 2  # of each form, that are refitted
@@ -213,21 +212,18 @@ def reached(space: Space, fitted: Fitted, id: str, than: Fitted) -> Fitted:
     if "taper" not in stage.parameters:
         return summit(space, fitted, id)
 
-    def worth(f: Fitted) -> float:
-        return f.evidence - FADES * _taper(f, id)
-
     def tied(begun: Fitted) -> Fitted:
         return summit(space, _tied(space, begun, id), id)
 
     if fitted.evidence > than.evidence + PLAIN:
         best = max(abreast(space, [partial(tied, f) for f in _forms(space, fitted, id, than)],
-                           fitted.parts), key=worth)  # fmt: skip
+                           fitted.parts), key=lambda f: worth_of(f, id))  # fmt: skip
     else:
         best = summit(space, fitted, id)
     if "slope" not in stage.parameters or best.evidence > than.evidence + LARGE:
         return best
     steep = [partial(tied, f) for f in _steep(space, best, id, than)]
-    return max([best, *abreast(space, steep, fitted.parts)], key=worth)
+    return max([best, *abreast(space, steep, fitted.parts)], key=lambda f: worth_of(f, id))
 
 
 def _steep(space: Space, fitted: Fitted, id: str, than: Fitted) -> list[Fitted]:
@@ -236,18 +232,26 @@ def _steep(space: Space, fitted: Fitted, id: str, than: Fitted) -> list[Fitted]:
     A spring that hardens gives way less and less: no descent leads there from a small slope.
     """
     stage = fitted.point.model.stage(id)
-    assert stage is not None
+    assert isinstance(stage, Cause)
     slope = float(np.copysign(STEEP / space.groups.travel_um, stage["slope"]))
-    tried, worth = _scanned(space, stage.with_values(slope=slope), than)
+    steep = stage.with_values(slope=slope)
+    assert isinstance(steep, Cause)
+    tried, worth = _scanned(space, steep, than)
     found = _from(space, fitted, id, ("reach", "taper", "slope"), tried, worth)
     each = [max(same, key=lambda f: f.evidence) for same in found]
     return [f for f in each if f.evidence > fitted.evidence - LARGE]
 
 
-def _taper(fitted: Fitted, id: str) -> float:
+def taper_of(fitted: Fitted, id: str) -> float:
+    """How a law ends."""
     stage = fitted.point.model.stage(id)
     assert stage is not None
     return stage["taper"]
+
+
+def worth_of(fitted: Fitted, id: str) -> float:
+    """Log-likelihood; a law that fades out must say more."""
+    return fitted.evidence - FADES * (taper_of(fitted, id) > 0.0)
 
 
 def summit(space: Space, fitted: Fitted, id: str) -> Fitted:
@@ -290,21 +294,21 @@ def _forms(space: Space, fitted: Fitted, id: str, than: Fitted) -> list[Fitted]:
     ends where an element gives way; one that fades out must say more.
     """
     start = fitted.point.model.stage(id)
-    assert start is not None
+    assert isinstance(start, Cause)
     tried, worth = _scanned(space, start, than)
     found = _from(space, fitted, id, ("reach", "taper"), tried, worth)
     best = [fitted, *(f for same in found for f in same)]
     return [
         max(same, key=lambda f: f.evidence)
-        for form in FORMS if (same := [f for f in best if _taper(f, id) == form])
+        for form in start.tapers if (same := [f for f in best if taper_of(f, id) == form])
     ]  # fmt: skip
 
 
-def _scanned(space: Space, start: Stage, than: Fitted) -> tuple[list[Stage], list[float]]:
+def _scanned(space: Space, start: Cause, than: Fitted) -> tuple[list[Stage], list[float]]:
     """A law at all its reaches and forms, and what a linear look says that each gains."""
     less = than.point.model
     reaches = space.groups.travel_um * SHORTEST * WIDER ** np.arange(REACHES)
-    tried = [start.with_values(reach=float(r), taper=form) for form in FORMS for r in reaches]
+    tried = [start.with_values(reach=float(r), taper=f) for f in start.tapers for r in reaches]
     tried = [s for s in tried if playable(space, less.with_stage(s))]
     settle(space, than.point)
     pairs = [(less, less.with_stage(s)) for s in tried]
@@ -328,8 +332,10 @@ def _from(
 
 def _likeliest(tried: Sequence[Stage], worth: Sequence[float]) -> list[list[int]]:
     """Which of a law's tries say most, form by form; forms that were not tried left out."""
-    by_form = [[k for k, s in enumerate(tried) if s["taper"] == form] for form in FORMS]
-    return [sorted(own, key=lambda k: -worth[k])[:LIKELIEST] for own in by_form if own]
+    by_form: dict[float, list[int]] = {}
+    for k, s in enumerate(tried):
+        by_form.setdefault(s["taper"], []).append(k)
+    return [sorted(own, key=lambda k: -worth[k])[:LIKELIEST] for own in by_form.values()]
 
 
 def _tied(space: Space, fitted: Fitted, id: str) -> Fitted:

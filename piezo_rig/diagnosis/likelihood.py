@@ -57,16 +57,20 @@ class Likelihood:
         )
         return fine, generic
 
-    def seen(self, i: int, y: FloatArray) -> list[Seen]:
-        """Data (m, k) and all trials at a scale of the fine thresholds and each of the dictionary.
+    def seen(
+        self, i: int, y: FloatArray, columns: NDArray[np.int64] | None = None
+    ) -> list[Seen]:
+        """Data (m, k) and trials at a scale of the fine thresholds and each of the dictionary.
 
-        Empty where rounding decides.
+        Empty where rounding decides. ``columns`` : of the trials, those that are asked for
         """
         row = self.reduced.covariance.row(self.scales_at((i, 0))[0])
         if row is None:
             return []
         k, n = y.shape[1], len(row.lower)
         trials = self.reduced.trials
+        if columns is not None:
+            trials = trials[:, columns]
         both = np.empty((n, k + trials.shape[1]), order="F")
         both[:, :k], both[:, k:] = y[:n], trials[:n]
         white, _ = lapack.dtrtrs(row.lower, both, lower=1, overwrite_b=1)

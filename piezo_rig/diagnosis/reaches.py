@@ -22,7 +22,7 @@ from piezo_rig.causes.cause import Cause, FirstSpring
 from piezo_rig.diagnosis.abreast import abreast
 from piezo_rig.diagnosis.chances import normal_below
 from piezo_rig.diagnosis.first_spring import offset_of
-from piezo_rig.diagnosis.forms import FADES, at_values, begun_in, summit
+from piezo_rig.diagnosis.forms import at_values, begun_in, summit, taper_of, worth_of
 from piezo_rig.diagnosis.ladder import Ladder
 from piezo_rig.diagnosis.refit import Fitted, refit
 from piezo_rig.diagnosis.space import Space
@@ -72,20 +72,22 @@ def over_reaches(space: Space, fitted: Fitted, id: str) -> tuple[Fitted, Interva
     if not isinstance(stage, Cause) or "reach" not in names or fitted.point.fixed:
         return fitted, {}
     tried = _all_about(space, fitted, id, fitted.evidence)
-    form = {"taper": 1.0 - stage["taper"]}
-    other = at_values(space, fitted, id, form, fitted.linear)
-    most = max(_worth(f, id) for f in tried)
-    if other is not fitted and _worth(other, id) > most - FAR:
-        tried += _all_about(space, other, id, most)
+    for taper in stage.tapers:
+        if taper == stage["taper"]:
+            continue
+        other = at_values(space, fitted, id, {"taper": taper}, fitted.linear)
+        most = max(worth_of(f, id) for f in tried)
+        if other is not fitted and worth_of(other, id) > most - FAR:
+            tried += _all_about(space, other, id, most)
     tried = [fitted, *(f for f in tried[1:] if _inside(f, id))]
-    most = max(_worth(f, id) for f in tried)
+    most = max(worth_of(f, id) for f in tried)
     near = []
-    for taper in (0.0, 1.0):
-        same = [f for f in tried if _stage(f, id)["taper"] == taper]
-        if same and max(_worth(f, id) for f in same) > most - NEGLIGIBLE:
+    for taper in stage.tapers:
+        same = [f for f in tried if taper_of(f, id) == taper]
+        if same and max(worth_of(f, id) for f in same) > most - NEGLIGIBLE:
             near.append(partial(summit, space, max(same, key=lambda f: f.evidence), id))
     tried += abreast(space, near, fitted.parts)
-    worth = np.array([_worth(f, id) for f in tried])
+    worth = np.array([worth_of(f, id) for f in tried])
     best = tried[int(np.argmax(worth))]
     if worth.max() > worth[0] + BETTER:
         fitted = refit(space, best.point, steps=2, held=True)
@@ -164,16 +166,11 @@ def _inside(fitted: Fitted, id: str) -> bool:
     return all(low < stage[n] < high for n, (low, high) in stage.limits.items())
 
 
-def _worth(fitted: Fitted, id: str) -> float:
-    """Log-likelihood; a law that fades out must say more."""
-    return fitted.evidence - FADES * _stage(fitted, id)["taper"]
-
-
 def _widths(fits: Sequence[Fitted], id: str) -> FloatArray:
     """What stretch of the logarithm of the reach each fit stands for, among those of its form."""
     out = np.zeros(len(fits))
-    for taper in (0.0, 1.0):
-        own = [k for k, f in enumerate(fits) if _stage(f, id)["taper"] == taper]
+    for taper in {taper_of(f, id) for f in fits}:
+        own = [k for k, f in enumerate(fits) if taper_of(f, id) == taper]
         at = np.array([np.log(_stage(fits[k], id)["reach"]) for k in own])
         order = np.argsort(at)
         edges = np.concatenate([[-np.inf], 0.5 * np.diff(at[order]) + at[order][:-1], [np.inf]])

@@ -31,16 +31,12 @@ class Scored:
     p_value : shape (c,), from the gamma tail of the simulated nulls; not corrected
     null_median : shape (c,)
     chosen : shape (c,), the best hypothesis of each cause
-    scales : null's scales (s1, s2)
-    scales_with : shape (c, 2), under each cause
     """
 
     ratio: FloatArray
     p_value: FloatArray
     null_median: FloatArray
     chosen: NDArray[np.int64]
-    scales: tuple[float, float]
-    scales_with: FloatArray
 
 
 def score(
@@ -54,20 +50,18 @@ def score(
     """Score causes, each with one or several sets of trial columns of which the best counts.
 
     ``owners`` : for every hypothesis the number of its cause, 0, 1, ..
-    ``level`` : of the chances; where one is close to it, many more nulls are drawn
+    ``level`` : of the chances; for causes that are close to it, many more nulls are drawn
     """
     z = likelihood.reduced.z[:, None]
     k = likelihood.summit()
     y = np.concatenate([z, likelihood.drawn(k, rng, nulls)], axis=1)
+    columns, places = _asked_for(hypotheses, likelihood.reduced.trials.shape[1])
     best_null = np.full(y.shape[1], -np.inf)
     best = np.full((len(hypotheses), y.shape[1]), -np.inf)
-    where = np.zeros((len(hypotheses), 2), int)
     for i in range(GRID.size):
-        for j, seen in enumerate(likelihood.seen(i, y)):
+        for seen in likelihood.seen(i, y, columns):
             best_null = np.maximum(best_null, seen.plain)
-            value = seen.plain + 0.5 * _gained(seen, hypotheses)
-            where[value[:, 0] > best[:, 0]] = i, j
-            best = np.maximum(best, value)
+            best = np.maximum(best, seen.plain + 0.5 * _gained(seen, places))
     owner = np.asarray(owners, int)
     causes = int(owner.max()) + 1
     ratio = np.full((causes, y.shape[1]), -np.inf)
@@ -76,17 +70,26 @@ def score(
         [int(np.flatnonzero(owner == c)[np.argmax(best[owner == c, 0])]) for c in range(causes)]
     )
     p_value = np.array([tail(r[0], r[1:]) for r in ratio])
-    doubted = any(close_by(p, level) for p in p_value) and ratio[:, 0].max() < PLAIN
-    if nulls < MANY and doubted:
-        return score(likelihood, hypotheses, owners, rng, level, MANY)
-    return Scored(
-        ratio[:, 0],
-        p_value,
-        np.median(ratio[:, 1:], axis=1),
-        chosen,
-        likelihood.scales_at(k),
-        np.array([likelihood.scales_at((where[h, 0], where[h, 1])) for h in chosen]).reshape(-1, 2),
-    )
+    median = np.median(ratio[:, 1:], axis=1)
+    doubted = np.array([c for c in range(causes) if close_by(p_value[c], level)], int)
+    if nulls < MANY and doubted.size and ratio[:, 0].max() < PLAIN:
+        theirs = np.flatnonzero(np.isin(owner, doubted))
+        again = score(
+            likelihood, [hypotheses[int(h)] for h in theirs],
+            [int(n) for n in np.searchsorted(doubted, owner[theirs])], rng, level, MANY,
+        )  # fmt: skip
+        p_value[doubted], median[doubted] = again.p_value, again.null_median
+    return Scored(ratio[:, 0], p_value, median, chosen)
+
+
+def _asked_for(
+    hypotheses: Sequence[Sequence[int]], count: int
+) -> tuple[NDArray[np.int64], list[list[int]]]:
+    """Which of so many columns are in any hypothesis, and where among them each one's are."""
+    columns = np.unique(np.array([k % count for h in hypotheses for k in h], int))
+    return columns, [
+        [int(n) for n in np.searchsorted(columns, [k % count for k in h])] for h in hypotheses
+    ]
 
 
 def score_generic(

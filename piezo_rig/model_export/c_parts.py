@@ -195,23 +195,30 @@ def _direction_asymmetry(stage: Stage, at: Place) -> Part:
     assert isinstance(stage, DirectionAsymmetry)
     if not stage.closes:  # the kernel has it, as a law
         return Part()
-    width, share, fades = stage.state
-    stop, before, most = at.own("stop"), at.own("before"), number(width)
-    even = f"s->{stop} * s->{stop} / {number(2.0 * width)}" if fades else f"fabs(s->{stop})"
+    widths, share, fades = stage.state
+    stops, before, n = at.own("stops"), at.own("before"), widths.size
+    name = f"{at.name}_{at.index}_widths"
+    begins = number(-1.0 if stage.from_below else 0.0)
+    even = f"mean * mean / {number(2.0 * float(widths.mean()))}" if fades else "fabs(mean)"
     return Part(
-        members=f"double {stop}, {before};",
+        tables=array(name, widths),
+        members=f"double {stops}[{n}], {before};",
         step=f"""\
-if (!s->begun) {{
-    s->{stop} = 0.0;
+{{
+    double mean = 0.0;
+    int k;
+    for (k = 0; k < {n}; k++) {{
+        double *stop = &s->{stops}[k];
+        *stop = s->begun ? *stop + x - s->{before} : {begins} * {name}[k];
+        if (*stop > {name}[k])
+            *stop = {name}[k];
+        if (*stop < -{name}[k])
+            *stop = -{name}[k];
+        mean += *stop / {n}.0;
+    }}
     s->{before} = x;
-}}
-s->{stop} += x - s->{before};
-if (s->{stop} > {most})
-    s->{stop} = {most};
-if (s->{stop} < -{most})
-    s->{stop} = -{most};
-s->{before} = x;
-x -= {number(share)} * {even};""",
+    x -= {number(share)} * {even};
+}}""",
     )
 
 

@@ -208,7 +208,7 @@ def asymmetric(drive, **values):
     return model.simulate(np.arange(drive.size) / 5e3, drive)
 
 
-@pytest.mark.parametrize("taper", [0.0, 1.0])
+@pytest.mark.parametrize("taper", [0.0, 1.0, 2.0, 3.0])
 def test_an_asymmetric_actuator_closes_loops_of_every_size(taper):
     # down and up again from within a first rise, then up and down again from within a fall
     for size in (0.05, 0.6, 3.0, 12.0):
@@ -220,7 +220,7 @@ def test_an_asymmetric_actuator_closes_loops_of_every_size(taper):
         assert x[-1 - 58 * np.arange(4)] == pytest.approx(x[-1], abs=1e-12)
 
 
-@pytest.mark.parametrize("taper", [0.0, 1.0])
+@pytest.mark.parametrize("taper", [0.0, 1.0, 2.0, 3.0])
 def test_half_loops_of_an_asymmetric_actuator_begin_in_the_ratio_and_end_alike(taper):
     up, down = np.linspace(0.0, 60.0, 6001), np.linspace(60.0, 0.0, 6001)
     x = asymmetric(np.concatenate([up, down[1:], up[1:]]), ratio=0.9, reach=0.4, taper=taper)

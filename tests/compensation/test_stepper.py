@@ -45,7 +45,10 @@ def followed(model, time, target, first=0.0):
     exponent=st.sampled_from([0.5, 1.0]), first=st.sampled_from([0.0, 20.0]),
     reach=st.sampled_from([{}, {"reach": 0.3, "ties": 0.0}, {"reach": 0.3, "ties": 1.0}]),
     shares=st.sampled_from([{}, {n: 0.2 * k for k, n in enumerate(SHARES)}]),
-    closes=st.sampled_from([{}, {"closing": 1.0}, {"closing": 1.0, "taper": 1.0}]),
+    closes=st.sampled_from([
+        {}, {"closing": 1.0}, {"closing": 1.0, "taper": 1.0},
+        {"closing": 1.0, "taper": 2.0, "from_below": 1.0}, {"closing": 1.0, "taper": 3.0},
+    ]),
     turns=st.lists(levels, min_size=2, max_size=25), points=st.integers(3, 40),
 )
 def test_sample_by_sample_is_the_whole_signal(
@@ -94,7 +97,10 @@ def test_the_drive_of_textbook_sliders_is_found_from_their_displacement():
 @given(
     ids=st.sets(st.sampled_from([id for id in EVERY if id != "drive-clipping"])),
     settles=st.sampled_from([0.0, 1.0]),
-    closes=st.sampled_from([{}, {"closing": 1.0}, {"closing": 1.0, "taper": 1.0}]),
+    closes=st.sampled_from([
+        {}, {"closing": 1.0}, {"closing": 1.0, "taper": 1.0},
+        {"closing": 1.0, "taper": 2.0, "from_below": 1.0}, {"closing": 1.0, "taper": 3.0},
+    ]),
     turns=st.lists(levels, min_size=2, max_size=15), points=st.integers(3, 30),
 )
 def test_an_inverted_model_follows_what_it_can_do(ids, settles, closes, turns, points):

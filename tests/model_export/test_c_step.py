@@ -75,7 +75,10 @@ KINDS = {
         of("direction-asymmetry", ratio=0.9),
     ),
     "a law inside the first element": stages(
-        of("direction-asymmetry", ratio=1.2, reach=0.05, closing=1.0, taper=1.0)
+        of("direction-asymmetry", ratio=1.2, reach=0.05, closing=1.0, taper=1.0),
+    ),
+    "an asymmetry with a long tail": stages(
+        of("direction-asymmetry", ratio=0.9, reach=0.4, closing=1.0, taper=2.0, from_below=1.0),
     ),
     "drive-gain": stages(of("drive-gain", ratio=1.03)),
     "drive-gain about 75 V": stages(of("drive-gain", ratio=0.98, stays_v=75.0)),

@@ -1,0 +1,47 @@
+"""Asymmetries that rise at once and fade slowly, on the random Prandtl body of the small bench.
+
+Half loops begin steeper one way than the other: what they gain is v exp(-(v / v0)^2) of the volts
+since the turning point, on every half loop or on all but the first rise. It is written out here.
+"""
+
+from __future__ import annotations
+
+import sys
+from functools import partial
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parent))
+from small_bench import recordings
+
+from piezo_rig.diagnosis import diagnose
+
+RISES = tuple((f"0-{top:g}", 0.0, top) for top in (35.0, 50.0, 75.0))
+FALLS = tuple((f"75-{low:g}", 75.0, low) for low in (25.0, 45.0))
+
+
+def bulged(x, drive, t, v0, share, first):
+    """Every half loop further up by a share of its mean slope; ``first``, of it on the first."""
+    out, sign = x.copy(), np.sign(np.diff(drive))
+    turns = [0, *(np.flatnonzero(sign[1:] * sign[:-1] < 0) + 1), drive.size - 1]
+    slope = np.ptp(x) / np.ptp(drive)
+    for k, (begin, end) in enumerate(pairwise(turns)):
+        v = np.abs(drive[begin:end] - drive[begin])
+        out[begin:end] += (first if k == 0 else 1.0) * share * slope * v * np.exp(-((v / v0) ** 2))
+    return out
+
+
+@pytest.mark.parametrize(("conditions", "v0", "share", "first"), [
+    (RISES, 8.0, 0.03, 0.0), (RISES, 8.0, 0.03, 1.0), (RISES + FALLS, 12.0, -0.02, 0.0),
+])  # fmt: skip
+def test_an_asymmetry_with_a_tail_is_named_alone(conditions, v0, share, first):
+    effect = partial(bulged, v0=v0, share=share, first=first)
+    found = diagnose(recordings(effect, conditions=conditions))
+    assert [f.cause for f in found.findings] == ["direction-asymmetry"]
+    ratio = found.findings[0].parameters["ratio"].value  # of V/um
+    assert (ratio - 1.0) * share < 0.0
+    assert not found.unexplained.detected
+    assert found.rungs[-1].rms_nm < 0.6 * found.rungs[0].rms_nm
