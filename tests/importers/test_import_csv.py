@@ -293,3 +293,17 @@ def test_a_bare_drive_may_lack_its_last_line_end_but_no_cell_of_its_last_row(tmp
     path = write(tmp_path / "joined.csv", text[: len(text) - cut])
     (sweep,) = read_recordings([path], require=("drive",)).sweeps
     assert sweep.drive_v.size == kept
+
+
+@pytest.mark.parametrize(("header", "cause"), [
+    ("t,voltage,pos\n", "no column is named"), ("", "no header"),
+])  # fmt: skip
+def test_a_table_without_known_names_is_told_which_to_write(
+    tmp_path: Path, header: str, cause: str
+) -> None:
+    rows = "\n".join(f"{i / 5000:.4f},{v:.4f},{0.1 * v:.4f}" for i, v in enumerate(range(60)))
+    (tmp_path / "a.csv").write_text(header + rows)
+    with pytest.raises(InputError) as caught:
+        read(tmp_path / "a.csv")
+    assert cause in caught.value.cause
+    assert "time_s,drive_v,displacement_um" in caught.value.remedy

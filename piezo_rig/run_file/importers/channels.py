@@ -238,13 +238,19 @@ def _named(recording: Recording, index: int | None, name: str) -> bool:
 def _missing(recording: Recording, role: str) -> InputError:
     what = "drive or command" if role == "command" else "displacement or sensor"
     names = " or ".join(reversed(_NAMES[role]))
+    choose = f"choose with {_OPTION[role]} from {recording.listing()}"
+    if recording.positional:
+        cause, remedy = "it has too few channels", choose
+    else:
+        cause = f"no column is named {names}"
+        if not recording.named:
+            cause = "its first row holds numbers: it has no header, and nothing says what is what"
+        remedy = (
+            "write the first row time_s,drive_v,displacement_um (volts at the actuator, um) or "
+            f"time_s,command_v,sensor_v (volts of generator and sensor), or {choose}"
+        )
     return InputError(
-        CODE,
-        f"{recording.path}: has no column for the {what}",
-        cause=f"no column is named {names}"
-        if not recording.positional
-        else "it has too few channels",
-        remedy=f"choose with {_OPTION[role]} from {recording.listing()}",
+        CODE, f"{recording.path}: has no column for the {what}", cause=cause, remedy=remedy
     )
 
 
