@@ -167,6 +167,11 @@ class Cause(Stage):
         return [[t.with_values(**{name: t[name] * f}) for t in trials] for f in factor**FINER]
 
     @property
+    def assumed(self) -> Mapping[str, float]:
+        """`law` of these numbers."""
+        return self.law
+
+    @property
     def tapers(self) -> tuple[float, ...]:
         """Ways in which a law may end: see `TAPERS`."""
         return TAPERS

@@ -55,7 +55,7 @@ class DirectionAsymmetry(Cause):
     place = "actuator"
     together = True
     law: ClassVar[Mapping[str, float]] = {
-        "direction": 0.15, "drive+direction": 0.15, "first rise": 2.0,
+        "direction": 0.1, "drive+direction": 0.1, "first rise": 0.25,
     }  # fmt: skip
     units: ClassVar[Mapping[str, str]] = {"ratio": "1"}
     neutral: ClassVar[Mapping[str, float]] = {"ratio": 1.0}
@@ -77,6 +77,13 @@ class DirectionAsymmetry(Cause):
     def closes(self) -> bool:
         """Whether it is a function of a state, and no law of the first spring."""
         return "closing" in self.parameters and self["closing"] >= 1.0
+
+    @property
+    def assumed(self) -> Mapping[str, float]:
+        """A state has many forms, and on a first rise it may be twice what it is elsewhere."""
+        if not self.closes:
+            return self.law
+        return {"direction": 0.15, "drive+direction": 0.15, "first rise": 2.0}
 
     @property
     def tapers(self) -> tuple[float, ...]:
@@ -147,7 +154,7 @@ class DirectionAsymmetry(Cause):
         return [
             [cls.of(None, ratio=1.01, **form)]
             for form in [
-                *forms(context, (0.0,)), *forms(context, (1.0,), TAILS),
-                *(f | {"from_below": 1.0} for f in forms(context, (1.0,), TAILS)),
+                *forms(context, (0.0,)), *forms(context, (1.0,), TAILS[:1]),
+                *(f | {"from_below": 1.0} for f in forms(context, (1.0,), TAILS[:1])),
             ]
         ]  # fmt: skip

@@ -284,7 +284,7 @@ def laws_of(space: Space, model: Model) -> FloatArray:
             continue
         size = changed_um(space, less, model)
         for k, tag in enumerate(space.tags):
-            out[k] += (stage.law.get(tag, 0.0) * size) ** 2
+            out[k] += (stage.assumed.get(tag, 0.0) * size) ** 2
     return out
 
 
