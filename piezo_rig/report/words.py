@@ -23,7 +23,8 @@ PLACES = {
     "acquisition": "the recording (digitizer)",
 }
 _MICRO = re.compile(r"\bu(?=m\b)|(?<=\d )u(?=[sF]\b)")  # um; us and uF behind a number
-SMALLER = (("s", 1e-3, 1e6, "µs"), ("s", 1.0, 1e3, "ms"), ("um", 0.1, 1e3, "nm"))
+SMALLER = (("s", 1e-3, 1e6, "µs"), ("s", 1.0, 1e3, "ms"), ("um", 0.1, 1e3, "nm"),
+           ("1", 0.5, 1e2, "%"))  # fmt: skip
 WEIGHTY = 2.0  # % of the error: a cause that takes less is there, and matters little
 SAID = ("Physics", "Shows as", "Remedy", "Plausible")
 TOLD = {

@@ -214,7 +214,8 @@ def test_the_verdict_is_two_to_four_sentences_of_plain_words():
 def test_small_values_are_written_in_smaller_units():
     assert scaled(Parameter(1.5e-4, "s")) == (1e6, "\u00a0µs")
     assert scaled(Parameter(0.006, "um")) == (1e3, "\u00a0nm")
-    assert scaled(Parameter(0.02, "1")) == (1.0, "")
+    assert scaled(Parameter(0.02, "1")) == (100.0, "\u00a0%")
+    assert scaled(Parameter(0.97, "1")) == (1.0, "")
 
 
 def test_every_cause_of_the_catalogue_has_words_and_a_view():
