@@ -115,7 +115,11 @@ class RateDependence(Cause):
         return np.asarray(-off_each(signal.begins, time, whole, self.window) / self.window)
 
     def otherwise(self) -> list[Stage]:
-        return [] if self.widens else [self.with_values(settles=0.0 if self.settles else 1.0)]
+        usual = {"exponent": self.neutral["exponent"], "window_s": USUAL_S}
+        if self.widens:
+            return [self.with_values(widens=0.0, settles=s, **usual) for s in (0.0, 1.0)]
+        return [self.with_values(settles=0.0 if self.settles else 1.0),
+                self.with_values(widens=1.0, **usual)]  # fmt: skip
 
     def increment(self, branches: Branches) -> Increment | str:
         rest = (self["exponent"], self.window, REFERENCE_V_PER_S)

@@ -229,3 +229,14 @@ def test_half_loops_of_an_asymmetric_actuator_begin_in_the_ratio_and_end_alike(t
     ratio = (falling[1] - falling[0]) / (rising[0] - rising[1])
     assert ratio == pytest.approx(0.9, rel=1e-3)
     assert rising[-1] - rising[0] == pytest.approx(falling[0] - falling[-1], abs=1e-12)
+
+
+@pytest.mark.parametrize("widens", [0.0, 1.0])
+def test_a_drag_and_widening_thresholds_are_tried_for_each_other(widens):
+    stage = CAUSES["rate-dependence"].of(
+        None, lag_um=2e-3, exponent=1.4, window_s=1.3e-2, widens=widens, settles=0.0
+    )
+    forms = [f for f in stage.otherwise() if f["widens"] != widens]
+    assert forms
+    # what one form made up for says nothing of the other: that begins where rates usually are
+    assert all(f["exponent"] == 0.7 and f["window_s"] < 5e-3 for f in forms)
