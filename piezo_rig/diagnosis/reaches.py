@@ -72,13 +72,13 @@ def over_reaches(space: Space, fitted: Fitted, id: str) -> tuple[Fitted, Interva
     if not isinstance(stage, Cause) or "reach" not in names or fitted.point.fixed:
         return fitted, {}
     tried = _all_about(space, fitted, id, fitted.evidence)
-    for taper in stage.tapers:
-        if taper == stage["taper"]:
-            continue
-        other = at_values(space, fitted, id, {"taper": taper}, fitted.linear)
-        most = max(worth_of(f, id) for f in tried)
-        if other is not fitted and worth_of(other, id) > most - FAR:
-            tried += _all_about(space, other, id, most)
+    forms = [
+        at_values(space, fitted, id, {"taper": t}, fitted.linear)
+        for t in stage.tapers if t != stage["taper"]
+    ]  # fmt: skip
+    other, most = max(forms, key=lambda f: worth_of(f, id)), max(worth_of(f, id) for f in tried)
+    if taper_of(other, id) != stage["taper"] and worth_of(other, id) > most - FAR:
+        tried += _all_about(space, other, id, most)
     tried = [fitted, *(f for f in tried[1:] if _inside(f, id))]
     most = max(worth_of(f, id) for f in tried)
     near = []
