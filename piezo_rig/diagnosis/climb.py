@@ -63,6 +63,7 @@ NEAR = 1.1  # held-out error of a rival, of the best one's
 # gain of a law let go of, of what any other cause would, while there is one; of what a table would
 PLAINLY, OF_A_TABLE = 2.0, 0.3
 MASKED = 0.5  # worth of a cause, of that of one which was refused for what it predicts
+HOPE = 3.0  # times what the last step of a climb gained that each further one may gain
 LOST = 0.3  # of what a linear look at a cause promised; a refit that keeps less went too far
 Tell = Callable[[str], None]
 
@@ -127,6 +128,7 @@ class Search:
     rearranged: bool = False
     aside: bool = False  # whether it climbs around a member
     most: int = MOST  # members
+    goal: float = -np.inf  # evidence, below which the climb is for nothing
     spoiled: dict[str, Step] = field(default_factory=dict)  # refused for their held-out error
     safe: set[str] = field(default_factory=set)  # tables that nothing can stand in for
     errors: dict[tuple[int, int], tuple[float, Point]] = field(default_factory=dict)
@@ -152,9 +154,14 @@ class Search:
 
     def forward(self) -> None:
         """Take in what the data ask for, one after the other."""
+        before = -np.inf
         while len(self.causes) < self.most:
-            self.tell(f"scan {len(self.scans) + 1}")
             here = self.fitted
+            hoped = HOPE * (self.most - len(self.causes)) * (here.evidence - before)
+            if here.evidence + hoped < self.goal:
+                return
+            before = here.evidence
+            self.tell(f"scan {len(self.scans) + 1}")
             settle(self.space, here.point)
             found = scan(self.space, here, self.rng, self.barred)
             result = found.result

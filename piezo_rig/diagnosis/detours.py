@@ -59,6 +59,7 @@ def detour(search: Search) -> bool:
             steps=[replace(s, fitted=less) for s in search.steps if s.cause != member],
             scans=[], barred={member: "without it a better model was found"}, refused_at={},
             spoiled={}, rearranged=True, aside=True, most=min(search.most, len(search.causes) + 1),
+            goal=full.evidence - NEEDED,
         )  # fmt: skip
         other.forward()
         more = len(other.causes) - len(search.causes)
