@@ -63,7 +63,7 @@ NEAR = 1.1  # held-out error of a rival, of the best one's
 # gain of a law let go of, of what any other cause would, while there is one; of what a table would
 PLAINLY, OF_A_TABLE = 2.0, 0.3
 MASKED = 0.5  # worth of a cause, of that of one which was refused for what it predicts
-HOPE = 3.0  # times what the last step of a climb gained that each further one may gain
+HOPE = 1.5  # times what the last step of a climb gained that each further one may gain
 LOST = 0.3  # of what a linear look at a cause promised; a refit that keeps less went too far
 Tell = Callable[[str], None]
 
