@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -131,3 +132,22 @@ THREE = ("creep", "thermal-drift", "cycle-aging")
 SCANNED, DRIFT = (
     Scan((id,), np.ones(1), np.zeros(1), np.ones(1), np.ones(1), {}) for id in THREE[:2]
 )
+
+
+@pytest.mark.parametrize(("goal", "scans"), [(-np.inf, 3), (100.0, 1), (15.0, 3)])
+def test_a_climb_that_cannot_get_there_is_given_up(fitted, monkeypatch, goal, scans):
+    space, one, both = fitted
+    search = Search(space, replace(one, evidence=0.0), np.random.default_rng(0), quiet, [], 2.0, 0,
+                    lambda less, full: True, goal=goal, most=3)  # fmt: skip
+    looked = []
+
+    def taken(self, *_):  # each gains 6
+        looked.append(len(self.steps))
+        self.steps.append(Step(THREE[len(self.steps)], 1e-9,
+                               replace(both, evidence=6.0 * len(self.steps) + 6.0)))  # fmt: skip
+        return True
+
+    monkeypatch.setattr("piezo_rig.diagnosis.climb.scan", lambda *_: SimpleNamespace(result=DRIFT))
+    monkeypatch.setattr("piezo_rig.diagnosis.climb.bend", taken)
+    search.forward()
+    assert len(looked) == scans
