@@ -29,6 +29,7 @@ LAG, SLEW, CLIP, SKEW = "amplifier-lag", "slew-limit", "drive-clipping", "time-s
 TWICE = 2.0  # a rise and the next one share a digitizer's errors: every sample counts half
 PLAIN = 40.0  # rise of the misfit without a law that is there to be seen
 TURNS, SETTLED = 12, 0.1  # of refining all laws at most, and the gain that ends them
+SAME = 1e-3  # of a grid's point, by which another one is no other
 NOTHING = 4.0  # the same of one that is not looked at closer
 INSIDE, OUTSIDE = 3.84, 15.0  # rise of the misfit: of a 95 % interval; certainly not so
 LEAST = 1e-302  # chance that is told from none
@@ -197,19 +198,20 @@ class _Reader:
         return self.refined(start, law) if plain else start
 
     def refined(self, start: _Guess, law: str) -> _Guess:
-        """The misfit's valley over one law's parameter, from near its bottom."""
+        """The misfit's valley over one law's parameter, from near its bottom.
+
+        It is narrow beside a plain where a law does nothing, as a limit above every speed.
+        """
         known = {np.log(start.laws[law]): start}
-        ratio = np.log(GRIDS[law][1] / GRIDS[law][0])
 
         def misfit(x: float) -> float:
             g = self.guess(start.laws | {law: float(np.exp(x))}, start.held, start.delay_s)
             known[x] = g
             return g.misfit
 
-        middle = np.log(start.laws[law])
         optimize.minimize_scalar(
-            misfit, bounds=(middle - ratio, middle + ratio), method="bounded",
-            options={"xatol": 1e-4, "maxiter": 20},
+            misfit, bounds=tuple(np.log(_neighbours(GRIDS[law], start.laws[law]))),
+            method="bounded", options={"xatol": 1e-4, "maxiter": 20},
         )  # fmt: skip
         best = min(known.values(), key=lambda g: g.misfit)
         return best
@@ -390,6 +392,14 @@ class _Reader:
             if (g.misfit - here.misfit) / TWICE > OUTSIDE:
                 return self.stage(law, float(x))
         return None
+
+
+def _neighbours(grid: FloatArray, x: float) -> tuple[float, float]:
+    """The points of a grid to either side; beyond its ends, one more by the same factor."""
+    ends = [grid[0] ** 2 / grid[1], *grid, grid[-1] ** 2 / grid[-2]]
+    below = [g for g in ends if g < x * (1.0 - SAME)] or [x * grid[0] / grid[1]]
+    above = [g for g in ends if g > x * (1.0 + SAME)] or [x * grid[-1] / grid[-2]]
+    return float(max(below)), float(min(above))
 
 
 def _lines(v: FloatArray, tau: float) -> At:

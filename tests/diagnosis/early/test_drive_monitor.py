@@ -46,9 +46,9 @@ def held_and_lagging(drive, tau=TAU):
     return np.array(out)
 
 
-def limited(drive, fine=50):
+def limited(drive, fine=50, limit=LIMIT):
     """No faster than the amplifier's current allows, in small steps, straight between samples."""
-    y, out, most = drive[0], [drive[0]], LIMIT / RATE / fine
+    y, out, most = drive[0], [drive[0]], limit / RATE / fine
     for a, b in pairwise(drive):
         for k in range(1, fine + 1):
             y += min(max(a + (b - a) * k / fine - y, -most), most)
@@ -124,6 +124,17 @@ def test_what_the_amplifier_does_is_read_with_its_size(plain, amplifier, cause, 
     assert abs(true - middle) < 2.0 * half
     assert half < 0.03 * true
     assert told.p_value < 1e-9
+
+
+@pytest.mark.parametrize("share", [0.935, 0.95, 0.973])
+def test_a_limit_just_below_the_only_fast_drive_is_found_beside_a_lag(plain, share):
+    fastest = 2.0 * 60.0 * 10.0  # the others are half as fast
+
+    def amplifier(drive):
+        return lagging(limited(drive, limit=share * fastest), tau=0.2 / RATE)
+
+    told = {t.stage.id: t.stage for t in read(watched(plain, amplifier)).told}
+    assert told["slew-limit"]["limit"] == pytest.approx(share * fastest, rel=1e-3)
 
 
 def test_two_limits_are_read_together():
