@@ -44,7 +44,7 @@ def group_tracks(data: Data, sweeps: Sequence[Sweep]) -> Groups:
     found: list[list[Track]] = []
     for track in data.tracks:
         for members in found:
-            if _same(members[0], track, sweeps):
+            if same_drive(members[0], track, sweeps):
                 members.append(track)
                 break
         else:
@@ -128,7 +128,8 @@ def _after_others(group: Group, earlier: Sequence[tuple[FloatArray, ...]]) -> Gr
     return replace(group, earlier=shares, after=tuple(after))
 
 
-def _same(a: Track, b: Track, sweeps: Sequence[Sweep]) -> bool:
+def same_drive(a: Track, b: Track, sweeps: Sequence[Sweep]) -> bool:
+    """Whether two tracks are repeats: one drive, and one history as far as that is said."""
     if len(a.sweeps) != len(b.sweeps):
         return False
     said = {sweeps[i].history for t in (a, b) for i in t.sweeps}

@@ -8,7 +8,7 @@ of the actuator's memory is known.
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -132,7 +132,7 @@ class Data:
 
 def prepare(
     sweeps: Sequence[Sweep], first_rises: bool = False, clipped: bool = False,
-    not_from_rest: Collection[str] = (),
+    not_from_rest: Mapping[str, str] | None = None,
 ) -> Data:
     """Check sweeps and join them into tracks.
 
@@ -141,7 +141,7 @@ def prepare(
     first_rises : of sweeps with unknown history that show a first rise from rest, take it for an
         initiation curve (for models that have one of their own)
     clipped : flat tops of a sensor or a drive are said and kept, not refused
-    not_from_rest : names of sweeps that are known to begin with a memory, whatever they look like
+    not_from_rest : sweeps, by name, that begin with a memory, whatever they look like; what says so
 
     Raises
     ------
@@ -167,11 +167,12 @@ def prepare(
     tracks = []
     for chain in chains:
         rises = first_rises
-        if sweeps[chain[0]].name in not_from_rest:
+        said_so = (not_from_rest or {}).get(sweeps[chain[0]].name)
+        if said_so is not None:
             rises = False
             left_out.append(
-                f"{label(sweeps[chain[0]])}: it begins at rest, but as after an earlier excursion "
-                "that was not recorded: its first rise is not taken for an initiation curve"
+                f"{label(sweeps[chain[0]])}: it begins at rest, but {said_so}: its first rise is "
+                "not taken for an initiation curve"
             )
         track = _track([sweeps[i] for i in chain], chain, rises, left_out)
         if track is not None:

@@ -5,6 +5,9 @@ taken for a first rise (decision 7). A memory of nearly all that is played then 
 would be an initiation curve. One number says all of such a memory, how far the excursion went; an
 initiation curve has a table. What lies beyond the excursion, later branches do not know: a memory
 of much less than the drive is not recognised.
+
+Of a sitting in which everything is played twice, only the first recording of all begins at rest.
+It is compared with its repeat, and used from where both have the same memory.
 """
 
 from __future__ import annotations
@@ -18,7 +21,7 @@ from piezo_rig.chain import Model
 from piezo_rig.chain.bend import Bend
 from piezo_rig.diagnosis.engine import plain_space
 from piezo_rig.diagnosis.fit import Point
-from piezo_rig.diagnosis.grouping import group_tracks
+from piezo_rig.diagnosis.grouping import group_tracks, same_drive
 from piezo_rig.diagnosis.refit import refit
 from piezo_rig.errors import InputError
 from piezo_rig.identification import prepare
@@ -29,6 +32,10 @@ FloatArray = NDArray[np.float64]
 EXCURSIONS = np.linspace(0.04, 1.0, 25)  # of the largest drive from where it begins
 BETWEEN = np.linspace(-0.875, 0.875, 15)  # of a step between those
 EXPLAINED = 1.5  # misfit of such a beginning, of the misfit further on, at most
+APART = 3.0  # times what repeats differ by further on
+SUDDEN = 0.3  # of the whole difference, within four samples: damage
+REMEMBERS = "as after an earlier excursion that was not recorded"
+UNLIKE = "a repeat of it begins otherwise and goes on alike"
 WORSE = 2.0  # misfit of a virgin beginning, of that
 
 
@@ -39,9 +46,16 @@ def without_remembered(data: Data, sweeps: Sequence[Sweep], point: Point) -> Dat
     the first rise, nothing is asked
     """
     guessed = [t for t in data.tracks if t.virgin and sweeps[t.sweeps[0]].history != "virgin"]
+    unlike = {
+        sweeps[t.sweeps[0]].name: UNLIKE for t in guessed
+        if any(_differs(t, o) for o in data.tracks if not o.virgin and same_drive(t, o, sweeps))
+    }
+    if unlike:
+        data = prepare(sweeps, first_rises=True, clipped=True, not_from_rest=unlike)
+        guessed = [t for t in guessed if sweeps[t.sweeps[0]].name not in unlike]
     if not guessed or point.fixed or point.has_first_rise:
         return data
-    names = frozenset(sweeps[t.sweeps[0]].name for t in guessed)
+    names = unlike | {sweeps[t.sweeps[0]].name: REMEMBERS for t in guessed}
     try:
         settled = prepare(sweeps, first_rises=True, clipped=True, not_from_rest=names)
         groups = group_tracks(settled, sweeps)
@@ -51,13 +65,28 @@ def without_remembered(data: Data, sweeps: Sequence[Sweep], point: Point) -> Dat
     except InputError:  # too little is left without the beginnings
         return data
     known = {t.sweeps: t for t in settled.tracks}
-    kept = [
-        sweeps[t.sweeps[0]].name for t in guessed
+    kept = {
+        sweeps[t.sweeps[0]].name: REMEMBERS for t in guessed
         if t.sweeps in known and _remembers(model, t, known[t.sweeps].blocks[0][0])
-    ]
+    }
     if not kept:
         return data
-    return prepare(sweeps, first_rises=True, clipped=True, not_from_rest=frozenset(kept))
+    return prepare(sweeps, first_rises=True, clipped=True, not_from_rest=unlike | kept)
+
+
+def _differs(track: Track, repeat: Track) -> bool:
+    """Whether a repeat that begins with a memory begins otherwise, and goes on alike.
+
+    A step in what they differ by is damage, which one of the two has.
+    """
+    n, begin = min(track.drive_v.size, repeat.drive_v.size), repeat.blocks[0][0]
+    if not 16 <= begin <= n - 16:
+        return False
+    off = track.displacement_um[:n] - repeat.displacement_um[:n]
+    off -= off[begin:].mean()
+    early, later = off[:begin], float(np.std(off[begin:]))
+    step = float(np.max(np.abs(early[4:] - early[:-4])))
+    return bool(np.sqrt(np.mean(early**2)) > APART * later and step < SUDDEN * np.ptp(early))
 
 
 def _remembers(model: Model, track: Track, begin: int) -> bool:

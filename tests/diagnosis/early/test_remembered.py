@@ -86,6 +86,44 @@ def test_an_initiation_curve_of_unknown_history_is_still_found():
     assert [f.cause for f in found.findings] == ["initiation-stage"]
 
 
+def sitting(stiffer: float = 0.0) -> list[Sweep]:
+    """Two drives in turn, twice, without a rest between: only the first recording begins virgin."""
+    drives = [triangle(1), 5.0 + 0.8 * triangle(2)] * 2
+    joined, begin = list[np.ndarray](), 0.0
+    for volts in drives:  # a ramp between them that nobody records
+        joined += [np.linspace(begin, volts[0], 50), volts]
+        begin = volts[-1]
+    whole = moved_by(np.concatenate(joined), stiffer)
+    out, at = [], 0
+    for number, volts in enumerate(drives, 1):
+        at += 50 + volts.size
+        moved = whole[at - volts.size : at]
+        out.append(recording(number, volts, moved - moved[0]))
+    return out
+
+
+@pytest.mark.parametrize("stiffer", [0.0, 0.1])
+def test_a_first_rise_is_no_repeat_of_one_that_remembers(stiffer):
+    sweeps = sitting(stiffer)
+    before, after = rises(sweeps)
+    assert before[0]
+    assert not any(after)
+    found = diagnose(sweeps)
+    assert found.findings == []
+    assert not found.unexplained.detected
+    assert found.noise_floor_nm == pytest.approx(2.0, rel=0.1)
+    assert any("a repeat of it begins otherwise" in n for n in found.notes)
+
+
+def test_damage_to_a_first_rise_does_not_make_it_another():
+    volts = triangle(1)
+    moved = moved_by(volts, 0.0)
+    torn = moved + np.where(np.arange(volts.size) < 300, 0.0, 0.3164)
+    again, third = recording(3, volts, moved), recording(4, triangle(2), moved_by(triangle(2), 0.0))
+    _, after = rises([recording(1, volts, torn), again, third])
+    assert all(after)
+
+
 def test_what_is_said_to_be_virgin_is_taken_at_its_word():
     sweeps = [s.with_(history="virgin") for s in ridden(walk, 68.0)]
     assert rises(sweeps) == ([True, True], [True, True])
