@@ -12,12 +12,12 @@ of a state: even in the stop operator of the displacement, at whose two ends the
 loop begin (a function of hysteresis operators closes what they close; K. Kuhnen, Eur. J. Control 9
 (2003) 407, makes his asymmetric operator so). What a half loop gains up to the ``reach`` it gives
 back until twice that, and what a smaller loop gains it gives back itself. With ``taper`` 1 it does
-so little by little. With 2 the state is the mean of stops of every width up to three times the
-reach, as of many walls, with 3 of widths that are distributed like exp(-width/reach): it is gained
-fast and given back with a long tail.
+so little by little. With 2 the state is the mean of stops of many widths, as of many walls, so that
+what is gained and given back is nearly x exp(-x^2 / 2 reach^2) of what a half loop has moved; with
+3 they are distributed like exp(-width/reach): it is given back with a longer tail.
 
 The state begins in its middle, or, with ``from_below`` 1, at its lower end, as if the first rise
-were one of many. Whether a first rise from rest has anything of it at all is assumed.
+were one of many, or, with -1, at its upper end: then a first rise from rest has nothing of it.
 
 Shows as: a difference between half loops right after the turning point that
 follows the direction and nothing else.
@@ -41,10 +41,24 @@ from piezo_rig.chain.increments import Increment, Operation
 from piezo_rig.chain.stage import Signal, Stage
 from piezo_rig.errors import InputError
 
+QUANTILES = (np.arange(48) + 0.5) / 48  # with few the tail ends in a corner, which no bell has
+
+
+def _of_a_bell(quantiles: FloatArray) -> FloatArray:
+    """Half widths, in the peak's distance, of stops whose mean's even part is a bell.
+
+    For 1 - m^2 = g with g = x exp((1 - x^2) / 2) the mean has to rise like m' = -g'/2m behind the
+    peak, at x = 1, and in front of it as fast as there: no stops rise slower first.
+    """
+    x = np.linspace(1.001, 7.0, 6000)
+    g = x * np.exp(0.5 * (1.0 - x * x))
+    still_moving = g * (x - 1.0 / x) / (2.0 * np.sqrt(1.0 - g))
+    return np.asarray(0.5 * np.interp(quantiles, 1.0 - still_moving, x))
+
+
 WIDTHS: tuple[FloatArray, ...] = (  # of the stops, in reaches, taper by taper
-    np.array([1.0]), np.array([2.0]), np.linspace(3.0 / 16.0, 3.0 - 3.0 / 16.0, 8),
-    -np.log1p(-np.linspace(1.0 / 16.0, 15.0 / 16.0, 8)),
-)  # fmt: skip
+    np.array([1.0]), np.array([2.0]), _of_a_bell(QUANTILES), -np.log1p(-QUANTILES),
+)
 TAILS = (2.0, 3.0)  # tapers with a long tail
 
 
@@ -90,9 +104,9 @@ class DirectionAsymmetry(Cause):
         return (*TAPERS, *TAILS) if self.closes else super().tapers
 
     @property
-    def from_below(self) -> bool:
-        """Whether the state begins at its lower end."""
-        return "from_below" in self.parameters and self["from_below"] > 0
+    def begun_at(self) -> float:
+        """Where the state begins, of its width: -1 at its lower end, 0 in its middle, 1."""
+        return -self["from_below"] if "from_below" in self.parameters else 0.0
 
     @property
     def state(self) -> tuple[FloatArray, float, bool]:
@@ -110,14 +124,15 @@ class DirectionAsymmetry(Cause):
 
         widths, share, fades = self.state
         x = np.ascontiguousarray(signal.displacement_um)
-        stop = stopped_each(signal.begins, x, widths, -1.0 if self.from_below else 0.0)
+        stop = stopped_each(signal.begins, x, widths, self.begun_at)
         return signal.with_displacement(
             x - share * (stop * stop / (2.0 * widths.mean()) if fades else np.abs(stop))
         )
 
     def otherwise(self) -> list[Stage]:
         """Begun elsewhere."""
-        return [self.with_values(from_below=0.0 if self.from_below else 1.0)] if self.closes else []
+        others = [x for x in (0.0, 1.0, -1.0) if x != -self.begun_at]
+        return [self.with_values(from_below=x) for x in others] if self.closes else []
 
     def increment(self, branches: Branches) -> Increment | str:
         if not self.closes:
@@ -125,7 +140,7 @@ class DirectionAsymmetry(Cause):
         widths, share, fades = self.state
         return Increment(
             Operation.STOP,
-            (share, float(fades), -float(self.from_below), float(widths.size),
+            (share, float(fades), self.begun_at, float(widths.size),
              *map(float, widths)),
         )  # fmt: skip
 
@@ -154,7 +169,8 @@ class DirectionAsymmetry(Cause):
         return [
             [cls.of(None, ratio=1.01, **form)]
             for form in [
-                *forms(context, (0.0,)), *forms(context, (1.0,), TAILS[:1]),
-                *(f | {"from_below": 1.0} for f in forms(context, (1.0,), TAILS[:1])),
+                *forms(context, (0.0,)),
+                *(f | {"from_below": x} for x in (-1.0, 1.0)
+                  for f in forms(context, (1.0,), TAILS[:1])),
             ]
         ]  # fmt: skip

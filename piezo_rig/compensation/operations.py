@@ -11,7 +11,7 @@ import math
 import numba
 
 SMALLEST_V = 1e-9  # what moves less stands still: it is the rounding of a solution
-MEMORY = 16  # floats that an operation remembers at most
+MEMORY = 52  # floats that an operation remembers at most: the stops of an asymmetry, and more
 
 # of `Operation`; compiled code reads plain numbers
 GAIN, CLIP, SLEW, LAG, WIDEN, BEND, DRAG, RELAX, MODE, AGE, STOP = range(11)

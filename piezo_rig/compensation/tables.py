@@ -17,7 +17,7 @@ from piezo_rig.chain.increments import Increment, Operation
 from piezo_rig.errors import InputError
 
 FloatArray = NDArray[np.float64]
-NUMBERS = 24  # of one operation at most: the relaxations of creep, twice, and how many
+NUMBERS = 56  # of one operation at most: the stops of an asymmetry, and four more
 ROUNDING_V = 5e-9
 STEADY = 0.8  # share of the way to where a drag would move an actuator against its drive
 

@@ -198,7 +198,7 @@ def _direction_asymmetry(stage: Stage, at: Place) -> Part:
     widths, share, fades = stage.state
     stops, before, n = at.own("stops"), at.own("before"), widths.size
     name = f"{at.name}_{at.index}_widths"
-    begins = number(-1.0 if stage.from_below else 0.0)
+    begins = number(stage.begun_at)
     even = f"mean * mean / {number(2.0 * float(widths.mean()))}" if fades else "fabs(mean)"
     return Part(
         tables=array(name, widths),
