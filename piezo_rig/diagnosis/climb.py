@@ -20,7 +20,7 @@ from piezo_rig.causes.cause import Cause, FirstSpring
 from piezo_rig.diagnosis.abreast import abreast
 from piezo_rig.diagnosis.bends import BEND, bend, with_own_bend
 from piezo_rig.diagnosis.confusion import strengths
-from piezo_rig.diagnosis.detours import detour, together
+from piezo_rig.diagnosis.detours import ONE_MORE, detour, together
 from piezo_rig.diagnosis.fit import Point
 from piezo_rig.diagnosis.forms import (
     as_late,
@@ -38,15 +38,25 @@ from piezo_rig.diagnosis.needed import does_nothing, needless, worth_needed
 from piezo_rig.diagnosis.own_laws import also, loosen
 from piezo_rig.diagnosis.reduction import reduce
 from piezo_rig.diagnosis.refit import Fitted, refit, refit_either_way, settle
-from piezo_rig.diagnosis.scan import LATER, LEVEL, Found, Scan, extended, of_base, scan
+from piezo_rig.diagnosis.scan import (
+    LATER,
+    LEVEL,
+    RUN_OFF,
+    Found,
+    Scan,
+    extended,
+    of_base,
+    scan,
+)
 from piezo_rig.diagnosis.scores import score_generic
 from piezo_rig.diagnosis.space import Space
-from piezo_rig.diagnosis.spare import NEEDED, clear, faint, idle, one_by_one, prune
+from piezo_rig.diagnosis.spare import AMISS, NEEDED, clear, faint, idle, one_by_one, prune
 from piezo_rig.errors import InputError
 
 FloatArray = NDArray[np.float64]
 MOST = 8  # findings
 DOUBTFUL = 1e-6  # chance of a false alarm above which a cause must predict unseen data better
+BEYOND_DOUBT = 1e-9  # the same of what is taken in by some of the drives alone
 FAR_BEHIND = 0.5  # of the best refit's gain: below it a rival's reach is not looked for
 LARGE = 300.0  # log-likelihood above which the linear start is not trusted
 OFF = 2.5  # an effect must be so many times what a law may be off by
@@ -64,6 +74,7 @@ NEAR = 1.1  # held-out error of a rival, of the best one's
 PLAINLY, OF_A_TABLE = 2.0, 0.3
 MASKED = 0.5  # worth of a cause, of that of one which was refused for what it predicts
 HOPE = 1.5  # times what the last step of a climb gained that each further one may gain
+MUCH_OF_IT = 0.7  # squared error beyond the noise, of that before, with what explains much of it
 LOST = 0.3  # of what a linear look at a cause promised; a refit that keeps less went too far
 Tell = Callable[[str], None]
 
@@ -78,6 +89,7 @@ def climb(
     others: int = 0,
     helps: Callable[[Fitted, Fitted], bool] = lambda less, fitted: True,
     brief: bool = False,
+    begun: Sequence[Step] = (),
 ) -> Ladder:
     """Forward selection from a fitted baseline, with detours at the end.
 
@@ -92,16 +104,20 @@ def climb(
     others : causes that were tried elsewhere (on the raw recordings), for the correction
     helps : whether the second fit predicts recordings better than the first, beyond doubt
     brief : only upwards: a model that explains most is all that is asked for
+    begun : steps that some of the drives ask for, fitted to all of them
     """
     search = Search(space, first, rng, tell, held_out, noise_nm, others, helps)
     with_own_bend(search)
+    search.steps += begun
+    search.rearranged = bool(begun)
+    members = search.causes
     search.forward()
     if brief:
         return Ladder(search.first, tuple(search.steps), tuple(search.scans))
     clear(search)
-    for _ in range(ROUNDS):
-        if not (search.few or search.left_over()) or not detour(search):
-            break
+    if not begun or set(search.causes) != set(members):
+        around(search)
+    search.steps = search.rungs()
     faint(search)
     for _ in range(ROUNDS):
         if not idle(search):
@@ -109,6 +125,29 @@ def climb(
         search.forward()
         faint(search)
     return Ladder(search.first, tuple(search.rungs()), tuple(search.scans))
+
+
+def look(
+    space: Space, first: Fitted, rng: np.random.Generator, tell: Tell,
+    held_out: Sequence[tuple[Callable[[Fitted], float], float]], noise_nm: float, others: int,
+    helps: Callable[[Fitted, Fitted], bool], brief: bool,
+) -> Ladder:
+    """What is beyond any doubt already by some of the drives; arguments as those of `climb`."""
+    search = Search(
+        space, first, rng, tell, held_out, noise_nm, others, helps, level=BEYOND_DOUBT
+    )
+    search.forward()
+    if not brief:
+        clear(search)
+        around(search)
+    return Ladder(search.first, tuple(search.steps), tuple(search.scans))
+
+
+def around(search: Search) -> None:
+    """Detours, as long as they lead somewhere and something asks for them."""
+    for _ in range(ROUNDS):
+        if not (search.few or search.left_over()) or not detour(search):
+            break
 
 
 @dataclass(eq=False)
@@ -129,6 +168,7 @@ class Search:
     aside: bool = False  # whether it climbs around a member
     most: int = MOST  # members
     goal: float = -np.inf  # evidence, below which the climb is for nothing
+    level: float = 1.0  # chance of a false alarm that is asked for, beside the usual ones
     spoiled: dict[str, Step] = field(default_factory=dict)  # refused for their held-out error
     safe: set[str] = field(default_factory=set)  # tables that nothing can stand in for
     errors: dict[tuple[int, int], tuple[float, Point]] = field(default_factory=dict)
@@ -167,7 +207,7 @@ class Search:
             result = found.result
             self.scans.append(result)
             family = self.family(result)
-            level = LATER if self.causes else LEVEL
+            level = min(LATER if self.causes else LEVEL, self.level)
             good = np.flatnonzero(family < level)
             best = float(result.ratio[good].max()) if good.size else 0.0
             plainly = PLAINLY
@@ -179,8 +219,33 @@ class Search:
                 continue
             if good.size and self.take(here, found, good, family):
                 continue
-            if not self.left_over() or not (self.let_go(here, 0.0) or together(self, here)):
+            if not self.left_over():
                 return
+            if not (self.let_go(here, 0.0) or together(self, here)
+                    or self.explained(here, found, family)):  # fmt: skip
+                return
+
+    def explained(self, here: Fitted, found: Found, family: FloatArray) -> bool:
+        """Take in what a linear look leaves in doubt, where that explains much of what is amiss.
+
+        Much of an effect looks like what the laws of others may be wrong by. What the next
+        recording is predicted better by is no such thing.
+        """
+        amiss = self.error(0, here) ** 2 - self.noise_nm**2
+        if amiss < (AMISS * self.noise_nm) ** 2 or self.level < 1.0:
+            return False
+        good = np.flatnonzero(family < LEVEL)
+        likeliest = good[np.argsort(-found.result.excess[good])][:RUN_OFF]
+        for worth, i, fitted in sorted(self.tried(here, found, likeliest), key=lambda t: -t[0]):
+            left = self.error(0, fitted) ** 2 - self.noise_nm**2
+            id = found.result.ids[i]
+            if worth > ONE_MORE and left < MUCH_OF_IT * amiss and (
+                self.worse(fitted, here) is None and self.of_a_law(fitted, id) is None
+            ):  # fmt: skip
+                self.accept(Step(id, float(family[i]), fitted))
+                self.tidy()
+                return True
+        return False
 
     def let_go(self, here: Fitted, best: float) -> bool:
         """Let a member do more than it was taken in for, where that gains more than ``best``."""
@@ -223,8 +288,7 @@ class Search:
                 if j != i and w > worth - NEEDED and not of_base(result.ids[j])
             )
             self.accept(Step(id, float(family[i]), fitted, rivals))
-            prune(self)
-            self.scan_anew()
+            self.tidy()
             return True
         return bool(close)
 
@@ -236,7 +300,7 @@ class Search:
         return min((self.error(0, fitted) for fitted in tried), default=error) > MUCH * error
 
     def tried(
-        self, here: Fitted, found: Found, close: Sequence[int]
+        self, here: Fitted, found: Found, close: Sequence[int] | NDArray[np.int64]
     ) -> list[tuple[float, int, Fitted]]:
         """What causes are worth once refitted, their numbers, the refits; without those of which
         nothing is left.
@@ -279,17 +343,24 @@ class Search:
         self.spoiled = spoiled
         return False
 
-    def scan_anew(self) -> None:
+    def tidy(self) -> None:
+        """Drop what the newest member has made needless; look at the others once more."""
+        members = len(self.causes)
+        prune(self)
+        self.scan_anew(members)
+
+    def scan_anew(self, members: int) -> None:
         """Numbers with several summits, and forms, of members that were fitted while the newest was
-        missing.
+        missing, or beside one of so many that has gone since.
 
         How far the laws of the first spring reach is looked for at the end.
         """
-        for id in self.causes[:-1]:
+        for id in self.causes if len(self.causes) < members else self.causes[:-1]:
             stage = self.fitted.point.model.stage(id)
-            if not isinstance(stage, Cause) or "taper" in stage.parameters:
+            if not isinstance(stage, Cause):
                 continue
-            if stage.scanned[0] in stage.optional and stage.scanned[0] in stage.parameters:
+            scanned = stage.scanned[0] in stage.optional and stage.scanned[0] in stage.parameters
+            if scanned and "taper" not in stage.parameters:
                 self.tell(f"refit with {id} anew")
                 fitted = summit(self.space, self.fitted, id)
                 if fitted.evidence > self.fitted.evidence + NEEDED:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -18,8 +18,9 @@ from piezo_rig.diagnosis.alike import (
     of_one_history,
     plainly_apart,
 )
-from piezo_rig.diagnosis.climb import climb
+from piezo_rig.diagnosis.climb import climb, look
 from piezo_rig.diagnosis.early import Reading, noise_floor_nm
+from piezo_rig.diagnosis.first_look import on_all, some_of
 from piezo_rig.diagnosis.fit import Point
 from piezo_rig.diagnosis.forms import converged
 from piezo_rig.diagnosis.groups import Groups
@@ -35,13 +36,15 @@ from piezo_rig.diagnosis.held_out import (
 from piezo_rig.diagnosis.ladder import Ladder, Step
 from piezo_rig.diagnosis.monitored import corrected, freed, taken_in
 from piezo_rig.diagnosis.over_scales import over_scales
-from piezo_rig.diagnosis.reaches import Intervals, at_their_reaches
+from piezo_rig.diagnosis.reaches import Intervals, Known, at_their_reaches
 from piezo_rig.diagnosis.refit import Fitted, refit, settle
 from piezo_rig.diagnosis.scale import on_one_scale
 from piezo_rig.diagnosis.space import Space
 from piezo_rig.diagnosis.spare import faded
+from piezo_rig.diagnosis.whitening import CellWhitener
 
 FloatArray = NDArray[np.float64]
+Gate = tuple[Callable[[Fitted], float], float]
 WORSE, STRICT, AWAY = 1.03, 1.01, 3.0  # by which an extension may raise held-out errors
 ROUNDS, SETTLED = 3, 0.05  # of what is left in memory; the share by which it has changed
 PERIODIC, AGEING = "periodic-nonlinearity", "cycle-aging"
@@ -62,6 +65,7 @@ class Climbed:
         by; what is to be said of those it does not
     reading : of the drive monitor, with the delay as the displacement has it
     spread : intervals that are not those of a linear fit
+    known : how far laws reach, as far as that has been looked for
     """
 
     space: Space
@@ -74,6 +78,7 @@ class Climbed:
     said: list[str] = field(default_factory=list)
     reading: Reading | None = None
     spread: Intervals = field(default_factory=dict)
+    known: dict[str, Known] = field(default_factory=dict)
     ladder: Ladder = field(init=False)
     _known: dict[int, tuple[Point, Errors]] = field(default_factory=dict)
 
@@ -83,6 +88,39 @@ class Climbed:
         if key not in self._known:
             self._known[key] = fitted.point, held_out_errors(self.space, fitted, self.kind)
         return self._known[key][1]
+
+    def error_nm(self, fitted: Fitted) -> float:
+        """Held-out error of a rung, as it is reported."""
+        return self.errors(fitted).rms_nm
+
+    @property
+    def noise_nm(self) -> float:
+        """Noise of one recording, what no model falls below."""
+        return self.floor_nm or self.space.sample_noise_nm
+
+    def helps(self, less: Fitted, fitted: Fitted) -> bool:
+        """Whether the second fit predicts recordings better than the first, beyond doubt."""
+        if self.kind == "none":
+            return True
+        rng = np.random.default_rng(0)
+        return gain(self.errors(less), self.errors(fitted), rng)[1][0] > 0.0
+
+    def gates(self, first: Fitted) -> Sequence[Gate]:
+        """Errors that an extension of a model may not raise, each by more than a factor."""
+
+        def typical(fitted: Fitted) -> float:
+            return self.errors(fitted).typical_nm
+
+        def carries_over(fitted: Fitted) -> float:
+            return carried_over_nm(self.space, fitted, self.folds)
+
+        # conditions that are left out ask for extrapolation: only what runs away is refused, and
+        # the one of the largest range says more than all others together
+        if self.kind == "condition":
+            return [(typical, WORSE), (self.error_nm, AWAY)]
+        close = self.floor_nm is not None and self.error_nm(first) < CLOSE * self.floor_nm
+        gates: list[Gate] = [(self.error_nm, STRICT if close else WORSE)]
+        return gates if self.kind in (self.folds, "none") else [*gates, (carries_over, AWAY)]
 
 
 def climbed(
@@ -143,13 +181,8 @@ def _climbed(
     before, clean = clean, on_one_scale(clean, scale or start.model)
     only_for_scale = scale is None and clean is not before
     whitener, repeated = engine.noise_of(clean, start, rng)
-    space, folds = engine.space_of(clean, whitener, start.model)
-    if start.fixed:
-        space.own_um = own_um_of(start.model)
-    first = refit(space, start)
-    floor = noise_floor_nm(clean)
-    kind = "none" if folds == "cycles" and extrapolates(space) else reported_kind(clean, folds)
-    out = Climbed(space, folds, kind, floor, repeated, first)
+    out = _set_out(clean, whitener, repeated, start)
+    space, first = out.space, out.first
     out.reading = reading
     if reading is not None:
         tell("what the drive monitor says")
@@ -162,32 +195,20 @@ def _climbed(
         point = replace(first.point, model=first.point.model.with_stage(stage))
         first = refit(space, point)
         out.monitored.append(Step(AGEING, told[1], first))
-
-    def reported(fitted: Fitted) -> float:
-        return out.errors(fitted).rms_nm
-
-    def typical(fitted: Fitted) -> float:
-        return out.errors(fitted).typical_nm
-
-    def carries_over(fitted: Fitted) -> float:
-        return carried_over_nm(space, fitted, folds)
-
-    def helps(less: Fitted, fitted: Fitted) -> bool:
-        if out.kind == "none":
-            return True
-        return gain(out.errors(less), out.errors(fitted), np.random.default_rng(0))[1][0] > 0.0
-
-    # conditions that were left out ask for extrapolation: only a model that runs away is refused
-    close = floor is not None and reported(first) < CLOSE * floor
-    gates = [(reported, STRICT if close else WORSE)]
-    if out.kind == "condition":  # the one of the largest range says more than all others together
-        gates = [(typical, WORSE), (reported, AWAY)]
-    elif out.kind not in (folds, "none"):
-        gates.append((carries_over, AWAY))
+    upwards = brief or only_for_scale
+    some, begun = None if start.fixed else some_of(clean), list[Step]()
+    if some is not None:
+        tell(f"{len(some.groups)} drives of {len(clean.groups)}")
+        part = _set_out(some, whitener, repeated, first.point)
+        part.space.excluded, part.space.longest = space.excluded, space.longest
+        looked = look(
+            part.space, part.first, rng, tell, part.gates(part.first), part.noise_nm, others,
+            part.helps, upwards,
+        )  # fmt: skip
+        begun, out.known = on_all(space, looked, out.error_nm, tell)
     out.ladder = climb(
-        space, first, rng, tell, gates, floor or space.sample_noise_nm, others, helps,
-        brief or only_for_scale,
-    )  # fmt: skip
+        space, first, rng, tell, out.gates(first), out.noise_nm, others, out.helps, upwards, begun
+    )
     if only_for_scale:
         # phases were read beside all that the baseline leaves; most of that is explained now
         tell("where recordings begin on the interferometer's scale")
@@ -209,6 +230,16 @@ def _climbed(
     return out
 
 
+def _set_out(groups: Groups, whitener: CellWhitener, repeated: bool, start: Point) -> Climbed:
+    """The space of some recordings, and the baseline in it."""
+    space, folds = engine.space_of(groups, whitener, start.model)
+    if start.fixed:
+        space.own_um = own_um_of(start.model)
+    first, floor = refit(space, start), noise_floor_nm(groups)
+    kind = "none" if folds == "cycles" and extrapolates(space) else reported_kind(groups, folds)
+    return Climbed(space, folds, kind, floor, repeated, first)
+
+
 def _at_their_reaches(out: Climbed, tell: Callable[[str], None]) -> Climbed:
     tell("how far laws reach")
     if out.ladder.steps:
@@ -216,9 +247,8 @@ def _at_their_reaches(out: Climbed, tell: Callable[[str], None]) -> Climbed:
         there = converged(out.space, step.fitted)
         if out.errors(there).rms_nm <= WORSE * out.errors(step.fitted).rms_nm:
             out.ladder = replace(out.ladder, steps=(*before, replace(step, fitted=there)))
-    out.ladder, out.spread = at_their_reaches(
-        out.space, out.ladder, lambda fitted: out.errors(fitted).rms_nm
-    )
+    out.ladder, out.known = at_their_reaches(out.space, out.ladder, out.error_nm, out.known)
+    out.spread = {name: ci for known in out.known.values() for name, ci in known.intervals.items()}
     out.ladder = faded(out.space, out.ladder, tell)
     last = out.ladder.last
     settle(out.space, last.point)

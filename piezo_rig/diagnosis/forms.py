@@ -11,6 +11,7 @@ from dataclasses import replace
 from functools import partial
 
 import numpy as np
+from numpy.typing import NDArray
 
 from piezo_rig.causes.cause import NEAR, Cause
 from piezo_rig.chain import Stage
@@ -23,6 +24,7 @@ from piezo_rig.diagnosis.refit import Fitted, playable, refit, refit_either_way,
 from piezo_rig.diagnosis.space import Space
 from piezo_rig.errors import InputError
 
+FloatArray = NDArray[np.float64]
 ONCE_MORE = 4
 BETTER = 3.0  # log-likelihood by which a refit from further out must be better
 VERY_LARGE = 1e5  # the same that promises an effect which may be nothing like a small one
@@ -34,10 +36,12 @@ WIDE = 1.25  # between lengths from which an effect that lasts is begun
 WITHIN = 0.4  # of a sample
 SHORTEST, WIDER, REACHES = 0.006, 1.19, 21  # its reach: of the travel, step, how many
 STEEP = 0.4  # of the mean spring constant, by the whole range of the drive
+ALIKE = 6  # such steps to either side, for the reach of another form
 LIKELIEST = 2  # of each form, that are refitted
 BESIDE = 0.02  # samples
 HELD, BY = 0.002, 0.25  # of a kink: held up at it, on one of its sides, samples
 BEYOND = (4.0, 8.0, 16.0, 32.0)  # times the noise of a sample
+UNLIKELY = 50.0  # log-likelihood that a form must not lack before its best place is looked for
 FADES = 4.0  # log-likelihood by which a law that fades out must be better
 
 
@@ -120,7 +124,8 @@ def begun_in(space: Space, fitted: Fitted, form: Stage) -> Fitted | None:
     if other is fitted:
         return None
     if isinstance(form, Cause) and form.scanned[0] in form.parameters:
-        return summit(space, other, form.id)
+        near = other.evidence > fitted.evidence - UNLIKELY
+        return summit(space, other, form.id) if near else other
     return refit_either_way(space, other.point)
 
 
@@ -336,6 +341,32 @@ def _likeliest(tried: Sequence[Stage], worth: Sequence[float]) -> list[list[int]
     for k, s in enumerate(tried):
         by_form.setdefault(s["taper"], []).append(k)
     return [sorted(own, key=lambda k: -worth[k])[:LIKELIEST] for own in by_form.values()]
+
+
+def most_alike(space: Space, fitted: Fitted, id: str, taper: float) -> float:
+    """Reach at which a law that ends otherwise does most nearly what it does now.
+
+    It is a matter of the law alone, as it acts along the furthest of all drives.
+    """
+    model, stage = fitted.point.model, fitted.point.model.stage(id)
+    assert stage is not None
+    group = max(space.groups.groups, key=lambda g: float(np.ptp(g.drive_v)))
+    less = group.predicted_once(model.without(id))
+
+    def done(form: Stage) -> FloatArray:
+        change = group.predicted_once(model.with_stage(form)) - less
+        return np.asarray(change - change.mean())
+
+    own = done(stage)
+    found: dict[float, float] = {}
+    for reach in stage["reach"] * WIDER ** np.arange(-ALIKE, ALIKE + 1):
+        try:
+            other = done(stage.with_values(reach=float(reach), taper=taper))
+        except InputError:
+            continue
+        size = float(np.sqrt((other @ other) * (own @ own)))
+        found[float(reach)] = float(own @ other) / max(size, 1e-300)
+    return max(found, key=lambda r: found[r], default=stage["reach"])
 
 
 def _tied(space: Space, fitted: Fitted, id: str) -> Fitted:

@@ -10,19 +10,21 @@ is with causes that have other forms.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 
 from piezo_rig.causes.cause import Cause, FirstSpring
+from piezo_rig.chain import Stage
 from piezo_rig.diagnosis.abreast import abreast
 from piezo_rig.diagnosis.chances import normal_below
 from piezo_rig.diagnosis.first_spring import offset_of
-from piezo_rig.diagnosis.forms import at_values, begun_in, summit, taper_of, worth_of
+from piezo_rig.diagnosis.forms import at_values, begun_in, most_alike, summit, taper_of, worth_of
 from piezo_rig.diagnosis.ladder import Ladder
 from piezo_rig.diagnosis.refit import Fitted, refit
 from piezo_rig.diagnosis.space import Space
@@ -31,25 +33,42 @@ from piezo_rig.errors import InputError
 FloatArray = NDArray[np.float64]
 Intervals = dict[tuple[str, str], tuple[float, float]]  # of (stage, parameter)
 STEP = 2.0**0.25  # between reaches
-LEAST, MOST = 3, 10  # steps to either side
+LEAST, MOST, ONCE_MORE = 3, 10, 1  # steps to either side; at least where it was looked at before
 NEGLIGIBLE = 6.0  # log-likelihood below the best
 FAR = 60.0  # the same of a form, at the other one's reach, that is not looked at further
 WORSE = 1.01  # held-out error at another reach, of that before
+AS_LIKELY = 3.0  # the same of a form that may be the better one nevertheless
+HARDLY = 0.1  # of its interval, by which a parameter has hardly moved
 BETTER = 0.5  # log-likelihood that another reach must be better by
 TAIL = 0.025
 
 
-def at_their_reaches(
-    space: Space, ladder: Ladder, held_out: Callable[[Fitted], float]
-) -> tuple[Ladder, Intervals]:
-    """The ladder with every law of its last rung at its best reach, and intervals (95 %).
+class Known(NamedTuple):
+    """A law where it came out, if it is the latest that was looked at, and its intervals."""
 
-    ``held_out`` : rms error of a rung; what raises it is not the better reach
+    stage: Stage | None
+    intervals: Intervals
+
+
+def at_their_reaches(
+    space: Space, ladder: Ladder, held_out: Callable[[Fitted], float],
+    known: Mapping[str, Known] | None = None,
+) -> tuple[Ladder, dict[str, Known]]:
+    """The ladder with every law of its last rung at its best reach, and what is known of each.
+
+    Parameters
+    ----------
+    held_out : rms error of a rung; what raises it is not the better reach
+    known : what came out before; laws that have hardly moved since are not looked at again
     """
-    spread: Intervals = {}
+    out: dict[str, Known] = {}
     for id in [s.cause for s in ladder.steps]:
+        if known and id in known and _unmoved(ladder.last, known[id], id):
+            out[id] = known[id]
+            continue
         try:
-            fitted, found = over_reaches(space, ladder.last, id)
+            wide = LEAST if not known or id not in known else ONCE_MORE
+            fitted, found = over_reaches(space, ladder.last, id, held_out, wide)
             if not found:
                 fitted, found = over_forms(space, ladder.last, id)
         except (InputError, np.linalg.LinAlgError):
@@ -59,26 +78,51 @@ def at_their_reaches(
                 continue
             steps = (*ladder.steps[:-1], replace(ladder.steps[-1], fitted=fitted))
             ladder = replace(ladder, steps=steps)
-        spread |= found
-    return ladder, spread
+            # those before were looked at beside another law
+            out = {other: known_of._replace(stage=None) for other, known_of in out.items()}
+        out[id] = Known(fitted.point.model.stage(id), found)
+    return ladder, out
 
 
-def over_reaches(space: Space, fitted: Fitted, id: str) -> tuple[Fitted, Intervals]:
+def _unmoved(fitted: Fitted, before: Known, id: str) -> bool:
+    """Whether a law is in the form that it had, and well within its intervals still."""
+    stage = fitted.point.model.stage(id)
+    if stage is None or before.stage is None:
+        return False
+    if set(stage.parameters) != set(before.stage.parameters):
+        return False
+    moved = {n for n in stage.parameters if stage[n] != before.stage[n]}
+    return all(
+        (id, n) in before.intervals
+        and abs(stage[n] - before.stage[n]) < HARDLY * np.ptp(before.intervals[id, n])
+        for n in moved
+    )
+
+
+def over_reaches(
+    space: Space, fitted: Fitted, id: str, held_out: Callable[[Fitted], float], least: int = LEAST
+) -> tuple[Fitted, Intervals]:
     """The fit at a law's best reach, and intervals of its parameters, the constant part included;
     none for what is no such law.
+
+    Of forms that are about as likely, the one that predicts best what it was not fitted to.
+    ``least`` : steps to either side in any case
     """
     stage = fitted.point.model.stage(id)
     names = [n for i, n in fitted.point.names if i == id]
     if not isinstance(stage, Cause) or "reach" not in names or fitted.point.fixed:
         return fitted, {}
-    tried = _all_about(space, fitted, id, fitted.evidence)
+    tried = _all_about(space, fitted, id, fitted.evidence, least)
+    here = max(tried, key=lambda f: f.evidence)
     forms = [
-        at_values(space, fitted, id, {"taper": t}, fitted.linear)
+        at_values(
+            space, here, id, {"taper": t, "reach": most_alike(space, here, id, t)}, here.linear
+        )
         for t in stage.tapers if t != stage["taper"]
     ]  # fmt: skip
-    other, most = max(forms, key=lambda f: worth_of(f, id)), max(worth_of(f, id) for f in tried)
+    other, most = max(forms, key=lambda f: worth_of(f, id)), worth_of(here, id)
     if taper_of(other, id) != stage["taper"] and worth_of(other, id) > most - FAR:
-        tried += _all_about(space, other, id, most)
+        tried += _all_about(space, other, id, most, least)
     tried = [fitted, *(f for f in tried[1:] if _inside(f, id))]
     most = max(worth_of(f, id) for f in tried)
     near = []
@@ -88,8 +132,8 @@ def over_reaches(space: Space, fitted: Fitted, id: str) -> tuple[Fitted, Interva
             near.append(partial(summit, space, max(same, key=lambda f: f.evidence), id))
     tried += abreast(space, near, fitted.parts)
     worth = np.array([worth_of(f, id) for f in tried])
-    best = tried[int(np.argmax(worth))]
-    if worth.max() > worth[0] + BETTER:
+    best = _best(tried, worth, id, held_out)
+    if worth.max() > worth[0] + BETTER or taper_of(best, id) != stage["taper"]:
         fitted = refit(space, best.point, steps=2, held=True)
     kept = [k for k in range(len(tried)) if worth[k] > worth.max() - NEGLIGIBLE]
     weights = np.exp(worth[kept] - worth.max()) * _widths([tried[k] for k in kept], id)
@@ -98,6 +142,20 @@ def over_reaches(space: Space, fitted: Fitted, id: str) -> tuple[Fitted, Interva
     return fitted, {
         (id, n): _interval(weights, [k[n] for k in found]) for n in found[0]
     }
+
+
+def _best(
+    tried: Sequence[Fitted], worth: FloatArray, id: str, held_out: Callable[[Fitted], float]
+) -> Fitted:
+    """The likeliest fit; one of another form where that is about as likely and predicts better."""
+    order = [tried[k] for k in np.argsort(-worth) if worth[k] > worth.max() - AS_LIKELY]
+    best, seen = order[0], {taper_of(order[0], id)}
+    for other in order[1:]:
+        if taper_of(other, id) not in seen:
+            seen.add(taper_of(other, id))
+            if held_out(other) * WORSE < held_out(best):
+                best = other
+    return best
 
 
 def over_forms(space: Space, fitted: Fitted, id: str) -> tuple[Fitted, Intervals]:
@@ -127,17 +185,19 @@ def over_forms(space: Space, fitted: Fitted, id: str) -> tuple[Fitted, Intervals
     return best, spread
 
 
-def _all_about(space: Space, fitted: Fitted, id: str, most: float) -> list[Fitted]:
+def _all_about(
+    space: Space, fitted: Fitted, id: str, most: float, least: int
+) -> list[Fitted]:
     """Fits for reach after reach, to either side until the data allow no more.
 
     ``most`` : evidence that is known from elsewhere
     """
-    both = [partial(_to_one_side, space, fitted, id, most, by) for by in (STEP, 1.0 / STEP)]
+    both = [partial(_to_one_side, space, fitted, id, most, by, least) for by in (STEP, 1.0 / STEP)]
     return [fitted, *(f for side in abreast(space, both, fitted.parts) for f in side)]
 
 
 def _to_one_side(
-    space: Space, fitted: Fitted, id: str, most: float, factor: float
+    space: Space, fitted: Fitted, id: str, most: float, factor: float, least: int
 ) -> list[Fitted]:
     """Until it is worth far less than the best, and no longer more than the one before."""
     out, here = [], fitted
@@ -146,7 +206,7 @@ def _to_one_side(
         there = at_values(space, here, id, reach, here.linear)
         rising = there.evidence > here.evidence + BETTER
         if there is here or (
-            k >= LEAST and there.evidence < most - NEGLIGIBLE and not rising
+            k >= least and there.evidence < most - NEGLIGIBLE and not rising
         ):  # fmt: skip
             break
         most, here = max(most, there.evidence), there

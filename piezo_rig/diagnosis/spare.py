@@ -46,7 +46,8 @@ def one_by_one(space: Space, steps: Sequence[Step], tell: Callable[[str], None])
         points.insert(0, point)
     anew = [
         k for k, (s, p) in enumerate(zip(steps[:-1], points, strict=False))
-        if set(s.fitted.point.names) != set(p.names) or not _same_stages(s.fitted.point, p)
+        if s.fitted.space is not space or set(s.fitted.point.names) != set(p.names)
+        or not _same_stages(s.fitted.point, p)
     ]  # fmt: skip
     if anew:
         tell(f"refit up to {', '.join(steps[k].cause for k in anew)}, one by one")
