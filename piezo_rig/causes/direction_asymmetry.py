@@ -14,7 +14,8 @@ loop begin (a function of hysteresis operators closes what they close; K. Kuhnen
 back until twice that, and what a smaller loop gains it gives back itself. With ``taper`` 1 it does
 so little by little. With 2 the state is the mean of stops of many widths, as of many walls, so that
 what is gained and given back is nearly x exp(-x^2 / 2 reach^2) of what a half loop has moved; with
-3 they are distributed like exp(-width/reach): it is given back with a longer tail.
+3 they are distributed like exp(-width/reach): it is given back with a longer tail; with 4 like
+width exp(-2 width/reach), which is between the two.
 
 The state begins in its middle, or, with ``from_below`` 1, at its lower end, as if the first rise
 were one of many, or, with -1, at its upper end: then a first rise from rest has nothing of it.
@@ -56,10 +57,17 @@ def _of_a_bell(quantiles: FloatArray) -> FloatArray:
     return np.asarray(0.5 * np.interp(quantiles, 1.0 - still_moving, x))
 
 
+def _of_second_order(quantiles: FloatArray) -> FloatArray:
+    """Half widths whose density is 4 w exp(-2 w), of mean 1: between the two others."""
+    y = np.linspace(0.0, 20.0, 20001)
+    return np.asarray(0.5 * np.interp(quantiles, 1.0 - (1.0 + y) * np.exp(-y), y))
+
+
 WIDTHS: tuple[FloatArray, ...] = (  # of the stops, in reaches, taper by taper
     np.array([1.0]), np.array([2.0]), _of_a_bell(QUANTILES), -np.log1p(-QUANTILES),
+    _of_second_order(QUANTILES),
 )
-TAILS = (2.0, 3.0)  # tapers with a long tail
+TAILS = (2.0, 3.0, 4.0)  # tapers with a long tail
 
 
 class DirectionAsymmetry(Cause):

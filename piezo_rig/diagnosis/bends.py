@@ -14,6 +14,7 @@ from piezo_rig.diagnosis.fit import Point
 from piezo_rig.diagnosis.forms import converged
 from piezo_rig.diagnosis.held import own_um_of
 from piezo_rig.diagnosis.ladder import Step
+from piezo_rig.diagnosis.put_in import refitted
 from piezo_rig.diagnosis.refit import Fitted, refit
 from piezo_rig.diagnosis.scan import LEVEL, Found, score_powers
 
@@ -58,7 +59,7 @@ def bend(search: Search, here: Fitted, found: Found, good: NDArray[np.int64]) ->
         kind = CAUSES[found.result.ids[i]]
         if getattr(kind, "like_a_bend", False) and found.result.ratio[i] > LARGE:
             search.tell(f"refit with {found.result.ids[i]}")
-            rival = search.refitted(here, found, int(i))
+            rival = refitted(search.space, here, found, int(i))
             if rival is None:
                 search.came_to_nothing(found.result.ids[i], here)
             elif rival.evidence > fitted.evidence:

@@ -23,42 +23,36 @@ from piezo_rig.diagnosis.confusion import strengths
 from piezo_rig.diagnosis.detours import ONE_MORE, detour, together
 from piezo_rig.diagnosis.fit import Point
 from piezo_rig.diagnosis.forms import (
-    as_late,
-    begun_best,
-    beside_kinks,
     converged,
-    further,
     in_another_form,
     reached,
     summit,
 )
 from piezo_rig.diagnosis.ladder import Ladder, Step
 from piezo_rig.diagnosis.likelihood import Likelihood
-from piezo_rig.diagnosis.needed import does_nothing, needless, worth_needed
+from piezo_rig.diagnosis.needed import worth_needed
 from piezo_rig.diagnosis.own_laws import also, loosen
+from piezo_rig.diagnosis.put_in import LARGE, refitted
 from piezo_rig.diagnosis.reduction import reduce
-from piezo_rig.diagnosis.refit import Fitted, refit, refit_either_way, settle
+from piezo_rig.diagnosis.refit import Fitted, settle
 from piezo_rig.diagnosis.scan import (
     LATER,
     LEVEL,
     RUN_OFF,
     Found,
     Scan,
-    extended,
     of_base,
     scan,
 )
 from piezo_rig.diagnosis.scores import score_generic
 from piezo_rig.diagnosis.space import Space
 from piezo_rig.diagnosis.spare import AMISS, NEEDED, clear, faint, idle, one_by_one, prune
-from piezo_rig.errors import InputError
 
 FloatArray = NDArray[np.float64]
 MOST = 8  # findings
 DOUBTFUL = 1e-6  # chance of a false alarm above which a cause must predict unseen data better
 BEYOND_DOUBT = 1e-9  # the same of what is taken in by some of the drives alone
 FAR_BEHIND = 0.5  # of the best refit's gain: below it a rival's reach is not looked for
-LARGE = 300.0  # log-likelihood above which the linear start is not trusted
 OFF = 2.5  # an effect must be so many times what a law may be off by
 ROUNDS, FEW = 2, 3
 FAR_OFF, HELPS = 2.0, 0.97  # so many times the noise; held-out error after a step, of that before
@@ -75,7 +69,6 @@ PLAINLY, OF_A_TABLE = 2.0, 0.3
 MASKED = 0.5  # worth of a cause, of that of one which was refused for what it predicts
 HOPE = 1.5  # times what the last step of a climb gained that each further one may gain
 MUCH_OF_IT = 0.7  # squared error beyond the noise, of that before, with what explains much of it
-LOST = 0.3  # of what a linear look at a cause promised; a refit that keeps less went too far
 Tell = Callable[[str], None]
 
 
@@ -308,7 +301,7 @@ class Search:
         result = found.result
         self.tell(f"refit with {' or '.join(result.ids[i] for i in close)}")
         refits = abreast(self.space, [
-            partial(self.refitted, here, found, int(i)) for i in close
+            partial(refitted, self.space, here, found, int(i)) for i in close
         ], here.parts)  # fmt: skip
         begun = [(int(i), f) for i, f in zip(close, refits, strict=True) if f is not None]
         for i in set(map(int, close)) - {i for i, _ in begun}:
@@ -458,42 +451,6 @@ class Search:
         if key not in self.errors:
             self.errors[key] = (self.held_out[k][0](fitted), fitted.point)
         return self.errors[key][0]
-
-    def descended(self, point: Point, here: Fitted, promised: float) -> Fitted:
-        """Refitted; by one step only where more of them lose most of what was promised.
-
-        A level that is stepped over leaves nothing to step back by.
-        """
-        fitted = refit_either_way(self.space, point)
-        if fitted.evidence - here.evidence >= LOST * promised:
-            return fitted
-        near = refit(self.space, point, steps=1, held=True)
-        there = refit(self.space, near.point, steps=0, held=True)  # by the tangent there
-        near = replace(near, evidence=there.evidence)
-        return max(fitted, near, key=lambda f: f.evidence)
-
-    def refitted(self, here: Fitted, found: Found, i: int) -> Fitted | None:
-        """The model with a cause put in; None where that comes to nothing."""
-        candidate = found.candidates[i]
-        columns, form = found.chosen[candidate.id]
-        try:
-            settle(self.space, here.point)
-            point = extended(self.space, here, candidate, columns, found.likelihood, form)
-            promised = found.likelihood.evidence(columns) - found.likelihood.evidence()
-            point = begun_best(self.space, point, candidate.id, form[0], promised)
-            fitted = self.descended(point, here, promised)
-            if fitted.evidence > here.evidence + LARGE:
-                fitted = further(self.space, fitted, candidate.id)
-            fitted = beside_kinks(self.space, fitted, candidate.id)
-            fitted = as_late(self.space, fitted, candidate.id)
-            fitted = in_another_form(self.space, fitted, candidate.id)
-        except (InputError, np.linalg.LinAlgError):
-            fitted = None  # at the size that the data ask for it cannot even be played
-        if fitted is None or does_nothing(self.space, fitted.point, candidate.id) or (
-            needless(fitted, [candidate.id]) is not None
-        ):  # fmt: skip
-            return None
-        return fitted
 
     def drop(self, id: str, new: Step, less: Fitted) -> None:
         """Take a member out for good; ``less`` is the model without it."""

@@ -12,6 +12,7 @@ from piezo_rig.causes.cause import Cause
 from piezo_rig.chain import Stage
 from piezo_rig.diagnosis.fit import Point
 from piezo_rig.diagnosis.likelihood import Likelihood
+from piezo_rig.diagnosis.put_in import descended
 from piezo_rig.diagnosis.reduction import reduce
 from piezo_rig.diagnosis.refit import Fitted, settle, wholly
 from piezo_rig.diagnosis.scan import context_of
@@ -66,7 +67,7 @@ def also(search: Search, here: Fitted, best: float) -> bool:
             continue
         search.tell(f"refit with more of {id}")
         point = Point(model.with_stage(form), here.point.fixed, here.point.sizes)
-        fitted = search.descended(_all_free(point, form), here, most)
+        fitted = descended(search.space, _all_free(point, form), here, most)
         if fitted.evidence - here.evidence > max(MORE, best) and (
             search.worse(fitted, here) is None
         ):  # fmt: skip

@@ -47,7 +47,7 @@ def followed(model, time, target, first=0.0):
     shares=st.sampled_from([{}, {n: 0.2 * k for k, n in enumerate(SHARES)}]),
     closes=st.sampled_from([
         {}, {"closing": 1.0}, {"closing": 1.0, "taper": 1.0},
-        {"closing": 1.0, "taper": 2.0, "from_below": 1.0}, {"closing": 1.0, "taper": 3.0},
+        {"closing": 1.0, "taper": 2.0, "from_below": 1.0}, {"closing": 1.0, "taper": 4.0},
     ]),
     turns=st.lists(levels, min_size=2, max_size=25), points=st.integers(3, 40),
 )

@@ -32,7 +32,8 @@ def bulged(x, drive, t, v0, share, first, power=2.0):
     slope = np.ptp(x) / np.ptp(drive)
     for k, (begin, end) in enumerate(pairwise(turns)):
         v = np.abs(drive[begin:end] - drive[begin])
-        out[begin:end] += (first if k == 0 else 1.0) * share * slope * v * np.exp(-((v / v0) ** power))
+        size = (first if k == 0 else 1.0) * share * slope
+        out[begin:end] += size * v * np.exp(-((v / v0) ** power))
     return out
 
 
