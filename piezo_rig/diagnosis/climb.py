@@ -342,7 +342,7 @@ class Search:
         prune(self)
         self.scan_anew(members)
 
-    def scan_anew(self, members: int) -> None:
+    def scan_anew(self, members: int = 0) -> None:
         """Numbers with several summits, and forms, of members that were fitted while the newest was
         missing, or beside one of so many that has gone since.
 
