@@ -20,14 +20,9 @@ from piezo_rig.causes.cause import Cause, FirstSpring
 from piezo_rig.diagnosis.abreast import abreast
 from piezo_rig.diagnosis.bends import BEND, bend, with_own_bend
 from piezo_rig.diagnosis.confusion import strengths
-from piezo_rig.diagnosis.detours import ONE_MORE, detour, together
+from piezo_rig.diagnosis.detours import ONE_MORE, around, together
 from piezo_rig.diagnosis.fit import Point
-from piezo_rig.diagnosis.forms import (
-    converged,
-    in_another_form,
-    reached,
-    summit,
-)
+from piezo_rig.diagnosis.forms import converged, in_another_form, reached, summit
 from piezo_rig.diagnosis.ladder import Ladder, Step
 from piezo_rig.diagnosis.likelihood import Likelihood
 from piezo_rig.diagnosis.needed import worth_needed
@@ -35,15 +30,7 @@ from piezo_rig.diagnosis.own_laws import also, loosen
 from piezo_rig.diagnosis.put_in import LARGE, refitted
 from piezo_rig.diagnosis.reduction import reduce
 from piezo_rig.diagnosis.refit import Fitted, settle
-from piezo_rig.diagnosis.scan import (
-    LATER,
-    LEVEL,
-    RUN_OFF,
-    Found,
-    Scan,
-    of_base,
-    scan,
-)
+from piezo_rig.diagnosis.scan import LATER, LEVEL, RUN_OFF, Found, Scan, of_base, scan
 from piezo_rig.diagnosis.scores import score_generic
 from piezo_rig.diagnosis.space import Space
 from piezo_rig.diagnosis.spare import AMISS, NEEDED, clear, faint, idle, one_by_one, prune
@@ -51,7 +38,6 @@ from piezo_rig.diagnosis.spare import AMISS, NEEDED, clear, faint, idle, one_by_
 FloatArray = NDArray[np.float64]
 MOST = 8  # findings
 DOUBTFUL = 1e-6  # chance of a false alarm above which a cause must predict unseen data better
-BEYOND_DOUBT = 1e-9  # the same of what is taken in by some of the drives alone
 FAR_BEHIND = 0.5  # of the best refit's gain: below it a rival's reach is not looked for
 OFF = 2.5  # an effect must be so many times what a law may be off by
 ROUNDS, FEW = 2, 3
@@ -118,29 +104,6 @@ def climb(
         search.forward()
         faint(search)
     return Ladder(search.first, tuple(search.rungs()), tuple(search.scans))
-
-
-def look(
-    space: Space, first: Fitted, rng: np.random.Generator, tell: Tell,
-    held_out: Sequence[tuple[Callable[[Fitted], float], float]], noise_nm: float, others: int,
-    helps: Callable[[Fitted, Fitted], bool], brief: bool,
-) -> Ladder:
-    """What is beyond any doubt already by some of the drives; arguments as those of `climb`."""
-    search = Search(
-        space, first, rng, tell, held_out, noise_nm, others, helps, level=BEYOND_DOUBT
-    )
-    search.forward()
-    if not brief:
-        clear(search)
-        around(search)
-    return Ladder(search.first, tuple(search.steps), tuple(search.scans))
-
-
-def around(search: Search) -> None:
-    """Detours, as long as they lead somewhere and something asks for them."""
-    for _ in range(ROUNDS):
-        if not (search.few or search.left_over()) or not detour(search):
-            break
 
 
 @dataclass(eq=False)

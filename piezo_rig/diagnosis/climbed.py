@@ -18,9 +18,9 @@ from piezo_rig.diagnosis.alike import (
     of_one_history,
     plainly_apart,
 )
-from piezo_rig.diagnosis.climb import climb, look
+from piezo_rig.diagnosis.climb import climb
 from piezo_rig.diagnosis.early import Reading, noise_floor_nm
-from piezo_rig.diagnosis.first_look import on_all, some_of
+from piezo_rig.diagnosis.first_look import look, on_all, some_of
 from piezo_rig.diagnosis.fit import Point
 from piezo_rig.diagnosis.forms import converged
 from piezo_rig.diagnosis.groups import Groups

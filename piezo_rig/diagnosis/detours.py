@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
 ABREAST = 2  # members that are left out at a time
 ONE_MORE = 20.0  # log-likelihood of a member at `LATER`: no detour has it for less
+ROUNDS = 2  # of detours
 DETOURS = 2  # at most, from one ladder
 RIVAL = 0.4  # score of a rival, of the member's own
 
@@ -33,6 +34,13 @@ def rivals_of(found: Scan, member: str, chances: FloatArray) -> list[str]:
         if id != member
         and (excess >= own or (p < LATER and by_speed(id) and by_speed(member)))
     ]
+
+
+def around(search: Search) -> None:
+    """Detours, as long as they lead somewhere and something asks for them."""
+    for _ in range(ROUNDS):
+        if not (search.few or search.left_over()) or not detour(search):
+            break
 
 
 def detour(search: Search) -> bool:

@@ -7,20 +7,24 @@ fitted to all drives, and the search goes on with all of them.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from piezo_rig.diagnosis.climb import Search, Tell
+from piezo_rig.diagnosis.detours import around
 from piezo_rig.diagnosis.forms import converged
 from piezo_rig.diagnosis.groups import Group, Groups
 from piezo_rig.diagnosis.ladder import Ladder, Step
 from piezo_rig.diagnosis.reaches import Known, at_their_reaches
 from piezo_rig.diagnosis.refit import Fitted, refit
 from piezo_rig.diagnosis.space import Space
+from piezo_rig.diagnosis.spare import clear
 
 FloatArray = NDArray[np.float64]
+BEYOND_DOUBT = 1e-9  # chance of a false alarm of what is taken along
 MANY, EVERY = 15, 3  # drives from which on only each so many-th is looked at first
 MUCH = 25_000  # samples, as they are thinned, below which all are looked at at once
 
@@ -53,8 +57,24 @@ def _swings_v(group: Group) -> FloatArray:
     return np.abs(group.drive_v[group.loops.stop] - group.drive_v[group.loops.start])
 
 
+def look(
+    space: Space, first: Fitted, rng: np.random.Generator, tell: Tell,
+    held_out: Sequence[tuple[Callable[[Fitted], float], float]], noise_nm: float, others: int,
+    helps: Callable[[Fitted, Fitted], bool], brief: bool,
+) -> Ladder:
+    """What is beyond any doubt already by some of the drives; arguments as those of `climb`."""
+    search = Search(
+        space, first, rng, tell, held_out, noise_nm, others, helps, level=BEYOND_DOUBT
+    )
+    search.forward()
+    if not brief:
+        clear(search)
+        around(search)
+    return Ladder(search.first, tuple(search.steps), tuple(search.scans))
+
+
 def on_all(
-    space: Space, looked: Ladder, held_out: Callable[[Fitted], float], tell: Callable[[str], None]
+    space: Space, looked: Ladder, held_out: Callable[[Fitted], float], tell: Tell
 ) -> tuple[list[Step], dict[str, Known]]:
     """The steps of a look at some drives, the last one fitted to all; how far its laws reach.
 

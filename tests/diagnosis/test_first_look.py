@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from piezo_rig.diagnosis import diagnose, first_look
-from piezo_rig.diagnosis.climb import climb, look
+from piezo_rig.diagnosis.climb import climb
+from piezo_rig.diagnosis.first_look import look
 from piezo_rig.diagnosis.grouping import group_tracks
 from piezo_rig.diagnosis.held_out import held_out_errors
 from piezo_rig.diagnosis.refit import refit
