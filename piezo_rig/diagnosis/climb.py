@@ -54,6 +54,7 @@ NEAR = 1.1  # held-out error of a rival, of the best one's
 PLAINLY, OF_A_TABLE = 2.0, 0.3
 MASKED = 0.5  # worth of a cause, of that of one which was refused for what it predicts
 HOPE = 1.5  # times what the last step of a climb gained that each further one may gain
+PAIR = 2  # causes, each gaining as much as the best by a linear look, that may do for a detour
 MUCH_OF_IT = 0.7  # squared error beyond the noise, of that before, with what explains much of it
 Tell = Callable[[str], None]
 
@@ -69,6 +70,7 @@ def climb(
     helps: Callable[[Fitted, Fitted], bool] = lambda less, fitted: True,
     brief: bool = False,
     begun: Sequence[Step] = (),
+    stop: Callable[[Fitted], bool] = lambda fitted: False,
 ) -> Ladder:
     """Forward selection from a fitted baseline, with detours at the end.
 
@@ -84,14 +86,15 @@ def climb(
     helps : whether the second fit predicts recordings better than the first, beyond doubt
     brief : only upwards: a model that explains most is all that is asked for
     begun : steps that some of the drives ask for, fitted to all of them
+    stop : whether to go no further with what is fitted first: something is wrong with the data
     """
-    search = Search(space, first, rng, tell, held_out, noise_nm, others, helps)
+    search = Search(space, first, rng, tell, held_out, noise_nm, others, helps, stop=stop)
     with_own_bend(search)
     search.steps += begun
     search.rearranged = bool(begun)
     members = search.causes
     search.forward()
-    if brief:
+    if brief or search.stopped:
         return Ladder(search.first, tuple(search.steps), tuple(search.scans))
     clear(search)
     if not begun or set(search.causes) != set(members):
@@ -128,6 +131,8 @@ class Search:
     spoiled: dict[str, Step] = field(default_factory=dict)  # refused for their held-out error
     safe: set[str] = field(default_factory=set)  # tables that nothing can stand in for
     errors: dict[tuple[int, int], tuple[float, Point]] = field(default_factory=dict)
+    stop: Callable[[Fitted], bool] = lambda fitted: False
+    stopped: bool = False
 
     @property
     def fitted(self) -> Fitted:
@@ -166,6 +171,8 @@ class Search:
             level = min(LATER if self.causes else LEVEL, self.level)
             good = np.flatnonzero(family < level)
             best = float(result.ratio[good].max()) if good.size else 0.0
+            if here.evidence + HOPE * min(self.most - len(self.causes), PAIR) * best < self.goal:
+                return
             plainly = PLAINLY
             if good.size and CAUSES[result.ids[good[np.argmax(result.ratio[good])]]].has_elements:
                 plainly = OF_A_TABLE  # which does whatever the law lacks, and much besides
@@ -174,6 +181,9 @@ class Search:
             ):
                 continue
             if good.size and self.take(here, found, good, family):
+                self.stopped = len(self.causes) == 1 and self.stop(self.fitted)
+                if self.stopped:
+                    return
                 continue
             if not self.left_over():
                 return

@@ -18,6 +18,8 @@ from piezo_rig.diagnosis.alike import (
     of_one_history,
     plainly_apart,
 )
+from piezo_rig.diagnosis.between import turn_between
+from piezo_rig.diagnosis.chances import AS_HELD, as_held
 from piezo_rig.diagnosis.climb import climb
 from piezo_rig.diagnosis.early import Reading, noise_floor_nm
 from piezo_rig.diagnosis.first_look import look, on_all, some_of
@@ -66,6 +68,7 @@ class Climbed:
     reading : of the drive monitor, with the delay as the displacement has it
     spread : intervals that are not those of a linear fit
     known : how far laws reach, as far as that has been looked for
+    turned : whether the drive turns between samples, and the ladder was not climbed to its end
     """
 
     space: Space
@@ -79,6 +82,7 @@ class Climbed:
     reading: Reading | None = None
     spread: Intervals = field(default_factory=dict)
     known: dict[str, Known] = field(default_factory=dict)
+    turned: bool = False
     ladder: Ladder = field(init=False)
     _known: dict[int, tuple[Point, Errors]] = field(default_factory=dict)
 
@@ -143,6 +147,8 @@ def climbed(
     same = clean if known is None else of_one_history(clean, known)
     for _ in range(ROUNDS):
         out = _climbed(same, start, rng, tell, others, reading, brief)
+        if out.turned:
+            return out
         last = out.ladder.last.point.model
         before, left = left, numbers_apart(last)
         if known is not None and not differ(clean, last):
@@ -195,6 +201,10 @@ def _climbed(
         point = replace(first.point, model=first.point.model.with_stage(stage))
         first = refit(space, point)
         out.monitored.append(Step(AGEING, told[1], first))
+    def turns(fitted: Fitted) -> bool:
+        out.turned = turn_between(space, fitted)
+        return out.turned
+
     upwards = brief or only_for_scale
     some, begun = None if start.fixed else some_of(clean), list[Step]()
     if some is not None:
@@ -207,8 +217,11 @@ def _climbed(
         )  # fmt: skip
         begun, out.known = on_all(space, looked, out.error_nm, tell)
     out.ladder = climb(
-        space, first, rng, tell, out.gates(first), out.noise_nm, others, out.helps, upwards, begun
-    )
+        space, first, rng, tell, out.gates(first), out.noise_nm, others, out.helps, upwards, begun,
+        turns,
+    )  # fmt: skip
+    if out.turned:
+        return out
     if only_for_scale:
         # phases were read beside all that the baseline leaves; most of that is explained now
         tell("where recordings begin on the interferometer's scale")
@@ -248,14 +261,17 @@ def _at_their_reaches(out: Climbed, tell: Callable[[str], None]) -> Climbed:
         if out.errors(there).rms_nm <= WORSE * out.errors(step.fitted).rms_nm:
             out.ladder = replace(out.ladder, steps=(*before, replace(step, fitted=there)))
     out.ladder, out.known = at_their_reaches(out.space, out.ladder, out.error_nm, out.known)
-    out.spread = {name: ci for known in out.known.values() for name, ci in known.intervals.items()}
+    out.spread = {
+        name: as_held(*ci) for known in out.known.values() for name, ci in known.intervals.items()
+    }
     out.ladder = faded(out.space, out.ladder, tell)
     last = out.ladder.last
     settle(out.space, last.point)
     if out.floor_nm is not None:
         once = [g.at_one_time(last.point.model) for g in out.space.groups.groups]
         out.floor_nm = noise_floor_nm(out.space.groups.with_(once))
-    known = replace(last, covariance=over_scales(last) + _between_samples(last, out.space))
+    covariance = AS_HELD**2 * over_scales(last) + _between_samples(last, out.space)
+    known = replace(last, covariance=covariance)
     if out.ladder.steps:
         *before, step = out.ladder.steps
         steps = (*before, replace(step, fitted=known))

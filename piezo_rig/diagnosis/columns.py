@@ -315,7 +315,8 @@ class Columns:
         thin = self.groups.thinned
         time = thin(whole, group.time_s)
         return replace(
-            whole, time_s=time, drive_v=thin(whole, group.drive_v), blocks=((0, time.size),)
+            whole, time_s=time, drive_v=thin(whole, group.drive_v), denser=None,
+            blocks=((0, time.size),),
         )
 
 
@@ -353,7 +354,9 @@ def _driven(group: Group, model: Model) -> Group:
     signal = Signal(group.time_s, group.drive_v, np.zeros(0))
     for stage in stages:
         signal = stage.act(signal)
-    return replace(group, drive_v=np.ascontiguousarray(signal.drive_v)) if stages else group
+    if not stages:
+        return group
+    return replace(group, drive_v=np.ascontiguousarray(signal.drive_v), denser=None)
 
 
 def _with_tables(model: Model, of: Model) -> Model:

@@ -18,7 +18,9 @@ from piezo_rig.chain import Model, Parameter
 from piezo_rig.chain.bend import Bend
 from piezo_rig.diagnosis.abreast import abreast, both
 from piezo_rig.diagnosis.as_recorded import as_recorded
+from piezo_rig.diagnosis.between import turn_between
 from piezo_rig.diagnosis.bursts import bursts
+from piezo_rig.diagnosis.chances import AS_HELD
 from piezo_rig.diagnosis.checks import (
     baseline_warnings,
     beyond_its_drives,
@@ -26,7 +28,7 @@ from piezo_rig.diagnosis.checks import (
     far_off,
     further_off,
 )
-from piezo_rig.diagnosis.climbed import climbed
+from piezo_rig.diagnosis.climbed import Climbed, climbed
 from piezo_rig.diagnosis.confusion import confusion
 from piezo_rig.diagnosis.early import (
     HUM,
@@ -106,14 +108,20 @@ def diagnose(
 
 
 def _diagnosed(
-    sweeps: Sequence[Sweep], baseline: str | Model, seed: int, tell: Tell
+    sweeps: Sequence[Sweep], baseline: str | Model, seed: int, tell: Tell,
+    between: Model | None = None,
 ) -> Diagnosis:
+    """``between`` : a model with whose amplifier the drive turns between samples where it may"""
     rng = np.random.default_rng(seed)
     data = prepare(sweeps, first_rises=True, clipped=True)
     tell("baseline")
     data = without_remembered(data, sweeps, _baseline(group_tracks(data, sweeps), baseline))
     raw = group_tracks(data, sweeps)
     notes = list(data.left_out)
+    if between is not None and (turned := raw.turned(between)) is not None:
+        raw = turned
+        notes.append("the drive turns between samples: where the straight lines before and after "
+                     "a turning point meet")  # fmt: skip
     warnings = data_warnings(raw, sweeps)
     point = _baseline(raw, baseline)
     flat = plain_space(raw, point.model)
@@ -133,6 +141,10 @@ def _diagnosed(
     def heard() -> Reading | None:
         return read_monitor(raw, sweeps, SHARE * LEVEL, count)
 
+    def turned_between(search: Climbed) -> Diagnosis:
+        tell("turning points between samples")
+        return _diagnosed(sweeps, baseline, seed, tell, search.ladder.last.point.model)
+
     # neither asks for what the other says: the monitor hears nothing of what the sensor does
     (found_early, point), reading = both(flat, cleaned, heard, [raw, *start.parts])
     clean = raw
@@ -144,6 +156,8 @@ def _diagnosed(
         warnings += reading.warnings
     hums = bool(found_early) and found_early[-1].cause == HUM
     search = climbed(clean, start.point, rng, tell, tried, reading, brief=hums)
+    if search.turned:
+        return turned_between(search)
     late = None if hums or not search.ladder.steps else hum_behind(
         clean, search.ladder.last.point.model, SHARE * LEVEL, count
     )  # fmt: skip
@@ -161,6 +175,8 @@ def _diagnosed(
         clean = found_early[-1].groups
         start = refit(plain_space(clean, start.point.model), start.point)
         search = climbed(clean, start.point, rng, tell, tried, reading)
+    if search.turned or turn_between(search.space, search.ladder.last):
+        return turned_between(search)
     stages = [(f.cause, f.groups) for f in found_early]
     clean = _on_the_scale_of(search.space.groups, clean)
     space, ladder, kind, floor = search.space, search.ladder, search.kind, search.floor_nm
@@ -355,7 +371,7 @@ def _only_believed(stage: Cause, name: str, p: Parameter) -> bool:
     """Whether the data say nearly nothing of what a law is taken to be beforehand."""
     if name not in stage.priors or p.ci95 is None:
         return False
-    return 0.5 * (p.ci95[1] - p.ci95[0]) > BELIEVED * 1.96 * stage.priors[name][1]
+    return 0.5 * (p.ci95[1] - p.ci95[0]) > BELIEVED * AS_HELD * 1.96 * stage.priors[name][1]
 
 
 def _spread(p: Parameter, interval: tuple[float, float] | None) -> Parameter:

@@ -11,13 +11,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from piezo_rig.causes.cause import added_by
 from piezo_rig.chain import HalfLoops, Memo, Model
+from piezo_rig.diagnosis.between import Denser, denser
 from piezo_rig.diagnosis.cells import Cells, Ranges, cells_of
 
 FloatArray = NDArray[np.float64]
@@ -45,6 +46,7 @@ class Group:
     reads_um : what the interferometer's own scale reads at the first sample; None: the model's
     played : shape (R,), cycles of the session before each recording; None where nobody knows
     alike : whether the recordings were made as if played after the mean of what they were
+    denser : the drive with turning points between samples, where it has any
     """
 
     time_s: FloatArray
@@ -63,6 +65,7 @@ class Group:
     reads_um: float | None = None
     played: FloatArray | None = None
     alike: bool = False
+    denser: Denser | None = None
     memo: Memo = field(default_factory=Memo, init=False, repr=False)
     memos: dict[int, Memo] = field(default_factory=dict, init=False, repr=False)
 
@@ -88,10 +91,9 @@ class Group:
             for k, (share, _) in enumerate(self.earlier):
                 moved += share * self._after(model, k)
         else:
-            moved = model.simulate(
-                self.time_s, self.drive_v, self.history, memo=self.memo, reads_um=self.reads_um,
-                played=self.played,
-            )  # fmt: skip
+            moved = self._simulated(
+                model, memo=self.memo, reads_um=self.reads_um, played=self.played
+            )
         if any(s.locked_to == "clock" for s in model.stages):
             moved = moved + self.by_the_clock(model)
         return moved
@@ -123,10 +125,16 @@ class Group:
         played = self.played
         if played is not None and self.after:
             played = played[np.array(self.after) == k]
-        return model.simulate(
-            self.time_s, self.drive_v, self.history,
-            memo=self.memos.setdefault(k, Memo()), earlier=self.earlier[k][1], played=played,
-        )  # fmt: skip
+        return self._simulated(
+            model, memo=self.memos.setdefault(k, Memo()), earlier=self.earlier[k][1], played=played
+        )
+
+    def _simulated(self, model: Model, **known: Any) -> FloatArray:
+        """`Model.simulate` along the drive, shape (n,)."""
+        if self.denser is None:
+            return model.simulate(self.time_s, self.drive_v, self.history, **known)
+        time, drive, given = self.denser
+        return model.simulate(time, drive, self.history, **known)[given]
 
     def _each(self, model: Model) -> FloatArray:
         """What the sensor would show of every recording, but for the clock, shape (R, n)."""
@@ -137,9 +145,8 @@ class Group:
         assert self.played is not None
         after = self.after or (0,) * self.repeats
         return np.array([
-            model.simulate(
-                self.time_s, self.drive_v, self.history,
-                memo=self.memos.setdefault(-1 - row, Memo()), reads_um=self.reads_um,
+            self._simulated(
+                model, memo=self.memos.setdefault(-1 - row, Memo()), reads_um=self.reads_um,
                 earlier=self.earlier[after[row]][1] if self.earlier else (),
                 played=self.played[row : row + 1],
             ) for row in range(self.repeats)
@@ -197,8 +204,9 @@ class Group:
         count = int(np.searchsorted(loops.stop, first + samples, side="right"))
         count = max(count, min(before + 2, len(loops)))
         end = min(int(loops.stop[count - 1]) + 1, self.drive_v.size) if len(loops) else samples
+        time, drive = self.time_s[:end], self.drive_v[:end]
         return replace(
-            self, time_s=self.time_s[:end], drive_v=self.drive_v[:end],
+            self, time_s=time, drive_v=drive, denser=self.denser and self.denser.before(time[-1]),
             measured_um=self.measured_um[:, :end], loops=loops.first(count),
             blocks=tuple((a, min(b, end)) for a, b in self.blocks if min(b, end) - a >= 8),
         )  # fmt: skip
@@ -274,6 +282,18 @@ class Groups:
         """Samples per second beside corners, if they are kept there."""
         return self.rate if any(g.fine for g in self.groups) else self.thinned_rate
 
+    def turned(self, model: Model) -> Groups | None:
+        """The same, with turning points between samples where they may be; None where nowhere.
+
+        ``model`` : whose amplifier may move them
+        """
+        known = [denser(g.time_s, g.drive_v, model) for g in self.groups]
+        if all(k is None for k in known):
+            return None
+        return self.with_([
+            replace(g, denser=k) for g, k in zip(self.groups, known, strict=True)
+        ])  # fmt: skip
+
     def evenly(self) -> Groups:
         """The same, with single samples nowhere."""
         return self.with_([replace(g, fine=()) for g in self.groups])
@@ -326,5 +346,5 @@ class Groups:
         inside.append(np.zeros(group.drive_v.size - at, bool))
         time, drive = np.ascontiguousarray(np.concatenate(parts, axis=1))
         whole = ((0, time.size),)
-        return Short(replace(group, time_s=time, drive_v=drive, blocks=whole, fine=()),
-                     np.concatenate(inside))  # fmt: skip
+        short = replace(group, time_s=time, drive_v=drive, denser=None, blocks=whole, fine=())
+        return Short(short, np.concatenate(inside))  # fmt: skip

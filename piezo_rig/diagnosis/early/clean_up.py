@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from piezo_rig.chain import Model, Parameter
+from piezo_rig.diagnosis.chances import AS_HELD
 from piezo_rig.diagnosis.early.breaks import Breaks, find_breaks
 from piezo_rig.diagnosis.early.hum import Hum, find_hum, hum_of_residual, means_of, removed
 from piezo_rig.diagnosis.early.mended import DROP, JUMP, Break, mended
@@ -165,6 +166,6 @@ def hum_again(before: Groups, found: Early, model: Model) -> Early:
     """The hum fitted once more, to what a better model leaves of recordings that still have it."""
     told = found.parameters["frequency"]
     assert told.ci95 is not None
-    spread_hz = (told.ci95[1] - told.ci95[0]) / 3.92
+    spread_hz = (told.ci95[1] - told.ci95[0]) / (3.92 * AS_HELD)
     hum = removed(before, model, told.value, found.p_value, spread_hz)
     return replace(found, parameters=dict(hum.stage().parameters), groups=hum.groups)

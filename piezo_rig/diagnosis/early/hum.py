@@ -18,7 +18,7 @@ from scipy import fft
 from piezo_rig.causes import CAUSES
 from piezo_rig.causes.mains_hum import FUNDAMENTALS_HZ, ORDERS
 from piezo_rig.chain import Model, Parameter, Stage
-from piezo_rig.diagnosis.chances import chi2_above
+from piezo_rig.diagnosis.chances import AS_HELD, chi2_above
 from piezo_rig.diagnosis.groups import Group, Groups
 
 FloatArray = NDArray[np.float64]
@@ -48,8 +48,7 @@ class Hum:
     spread_hz: float
 
     def stage(self) -> Stage:
-        half = 1.96 * self.error_nm
-        f = 1.96 * self.spread_hz
+        half, f = (1.96 * AS_HELD * sd for sd in (self.error_nm, self.spread_hz))
         return CAUSES["mains-hum"](
             {
                 "frequency": Parameter(
