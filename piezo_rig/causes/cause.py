@@ -172,6 +172,11 @@ class Cause(Stage):
         return self.law
 
     @property
+    def as_late_s(self) -> float:
+        """How long a delay may be, s, that is no more than what its law leaves open."""
+        return 0.0
+
+    @property
     def tapers(self) -> tuple[float, ...]:
         """Ways in which a law may end: see `TAPERS`."""
         return TAPERS

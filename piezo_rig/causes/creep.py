@@ -32,6 +32,7 @@ from piezo_rig.chain.stage import Parameter, Signal, Stage
 TIMES_S = np.logspace(-2.0, 3.0, 11)
 PER_DECADE = 2.0
 UNLIKE = (0.0, *np.geomspace(0.01, 3.0, 60))  # what rates may differ by, of their mean
+FASTER_S = 4e-3  # of a law that begins at 1 ms and not at 10, per rate: 9 ms over ln(10)
 SHARES = (
     "share_10ms", "share_32ms", "share_100ms", "share_320ms", "share_1s", "share_3.2s",
     "share_10s", "share_32s", "share_100s", "share_320s", "share_1000s",
@@ -90,6 +91,11 @@ class Creep(Cause):
         """Of every relaxation, of the displacement."""
         own = [self[n] if n in self.parameters else 1.0 for n in SHARES]
         return np.asarray(self["rate_per_decade"] * weights() * own)
+
+    @property
+    def as_late_s(self) -> float:
+        """What relaxes faster than the law begins to is late by its time constant and no more."""
+        return FASTER_S * self["rate_per_decade"]
 
     def act(self, signal: Signal) -> Signal:
         from piezo_rig.chain.relaxation import relaxations_each

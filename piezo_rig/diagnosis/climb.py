@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from piezo_rig.causes import CAUSES
 from piezo_rig.causes.cause import Cause, FirstSpring
+from piezo_rig.chain import Model
 from piezo_rig.diagnosis.abreast import abreast
 from piezo_rig.diagnosis.bends import BEND, bend, with_own_bend
 from piezo_rig.diagnosis.confusion import strengths
@@ -400,7 +401,12 @@ class Search:
 
     def of_a_law(self, fitted: Fitted, id: str) -> str | None:
         """Why a small effect is refused beside a large one whose law is only assumed."""
-        kind = CAUSES[id]
+        kind, model = CAUSES[id], fitted.point.model
+        if issubclass(kind, Cause) and kind.lasting:
+            late_s = abs(_number(model, id, kind.lasting))
+            for stage in model.stages:
+                if isinstance(stage, Cause) and late_s < stage.as_late_s:
+                    return f"no longer than what {stage.id} leaves open by how fast it begins"
         if not issubclass(kind, Cause) or not kind.law:
             return None
         laws = {c: min(kind.law.values()) for c in self.causes
@@ -437,3 +443,8 @@ class Search:
         if not self.rearranged or not self.steps:
             return self.steps
         return one_by_one(self.space, self.steps, self.tell)
+
+
+def _number(model: Model, id: str, name: str) -> float:
+    stage = model.stage(id)
+    return 0.0 if stage is None else stage[name]

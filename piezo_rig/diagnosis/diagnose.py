@@ -52,12 +52,19 @@ from piezo_rig.diagnosis.grouping import group_tracks
 from piezo_rig.diagnosis.groups import Groups
 from piezo_rig.diagnosis.held_out import Errors, extrapolates, gain, held_out_errors, refold
 from piezo_rig.diagnosis.isolability import Workings
+from piezo_rig.diagnosis.levels import levels
 from piezo_rig.diagnosis.memory import give_back
 from piezo_rig.diagnosis.reaches import Intervals
 from piezo_rig.diagnosis.refit import Fitted, refit, settle
 from piezo_rig.diagnosis.scan import LEVEL
 from piezo_rig.diagnosis.space import Space
-from piezo_rig.diagnosis.unexplained import unexplained, with_bursts, with_gain, with_line
+from piezo_rig.diagnosis.unexplained import (
+    unexplained,
+    with_bursts,
+    with_gain,
+    with_levels,
+    with_line,
+)
 from piezo_rig.diagnosis.unlike import within_what_is_wrong
 from piezo_rig.diagnosis.unsteady import unsteady
 from piezo_rig.errors import InputError
@@ -267,6 +274,7 @@ def _diagnosed(
     )  # fmt: skip
     rest = with_gain(rest, unsteady(space.groups, space.whitener, last.point.model), floor)
     rest = with_bursts(rest, bursts(space.groups, last.point.model), floor)
+    rest = with_levels(rest, levels(clean))
     advice = follow_up(space, last, confused)
     if reading is None and any(
         CAUSES[c].place == "drive" for cause, others in confused.items() if others

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from piezo_rig.diagnosis import dictionary
 from piezo_rig.diagnosis.bursts import Bursts
 from piezo_rig.diagnosis.early.lines import Line
+from piezo_rig.diagnosis.levels import Levels
 from piezo_rig.diagnosis.likelihood import Likelihood
 from piezo_rig.diagnosis.linear import Linear
 from piezo_rig.diagnosis.reduction import Reduced, reduce
@@ -172,6 +173,17 @@ def with_bursts(rest: Unexplained, bursts: Bursts | None, floor_nm: float | None
     return Unexplained(
         True, rest.p_value, float(np.hypot(rest.rms_nm, bursts.rms_nm)), rest.allowance_nm, words,
         f"{rest.text}; {bursts.text}" if rest.text else bursts.text,
+    )  # fmt: skip
+
+
+def with_levels(rest: Unexplained, found: Levels | None) -> Unexplained:
+    """The verdict with noise that switches between two levels."""
+    if found is None:
+        return rest
+    words = [w for w in WORDS if w in {*rest.depends_on, "clock"}]
+    return Unexplained(
+        True, rest.p_value, float(np.hypot(rest.rms_nm, found.rms_nm)), rest.allowance_nm, words,
+        f"{rest.text}; {found.text}" if rest.text else found.text,
     )  # fmt: skip
 
 

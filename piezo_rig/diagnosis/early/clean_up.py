@@ -22,6 +22,7 @@ from piezo_rig.diagnosis.early.spikes import find_spikes
 from piezo_rig.diagnosis.events import Event
 from piezo_rig.diagnosis.fit import Point
 from piezo_rig.diagnosis.groups import Groups
+from piezo_rig.diagnosis.levels import levels
 from piezo_rig.run_file.sweep import Sweep
 
 HUM = "mains-hum"
@@ -101,8 +102,10 @@ def clean_up(
         point = refitted(clean, point)
     hum = find_hum(clean, point.model)
     line = hum.frequency if hum is not None and hum.p_value * count < level else None
-    breaks = find_breaks(clean, point.model, sweeps, level / count, line)
-    breaks = _believed(clean, point, breaks.breaks, refitted)
+    breaks = Breaks(())
+    if levels(clean) is None:  # whose steps would be taken for lost samples
+        breaks = find_breaks(clean, point.model, sweeps, level / count, line)
+        breaks = _believed(clean, point, breaks.breaks, refitted)
     if breaks.breaks:
         before = clean
         predicted = [g.predicted(point.model) for g in clean.groups]

@@ -1,0 +1,107 @@
+"""Noise that switches between two levels: a loose contact, a charge trapped and let go of.
+
+Such a telegraph signal comes at random, so repeats disagree by it and all of it counts as noise;
+its steps, taken one by one, look like lost samples or small jumps of the interferometer. Steps of
+one size, up as often as down and many of them, are neither.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from piezo_rig.diagnosis.groups import Groups
+
+FloatArray = NDArray[np.float64]
+OVER_S = (0.002, 0.005, 0.01, 0.02, 0.04)  # averaged before steps are looked for
+SHORTEST = 3  # samples of such an average
+STANDS_OUT = 6.0  # standard deviations of what the averages usually change by
+USUAL = 0.6745  # standard deviations that half of normal numbers stay within
+LEAST = 12  # steps
+ALIKE = 0.15  # of their size, by which half of the steps may be off it
+UNEVEN = 3.0  # standard deviations, of a fair coin, between steps up and down
+MOST = 0.25  # of all averages that may be steps: else nothing is usual
+FRINGE_UM, OFF = 0.0791, 0.04  # a jump of the interferometer; how near to a whole number of them
+
+
+@dataclass(frozen=True)
+class Levels:
+    """``count`` steps of ``step_nm`` between two levels, so many a second of one recording."""
+
+    count: int
+    step_nm: float
+    per_second: float
+
+    @property
+    def rms_nm(self) -> float:
+        """What it adds to a recording that is half of the time at each."""
+        return 0.5 * self.step_nm
+
+    @property
+    def text(self) -> str:
+        return (
+            f"the noise switches between two levels, {self.step_nm:.3g} nm apart, "
+            f"about {self.per_second:.2g} times a second: a loose contact, or the sensor's own"
+        )
+
+
+def levels(groups: Groups) -> Levels | None:
+    """What steps there are between the repeats of one drive; None where they are of no one kind.
+
+    Clean of spikes; what a single recording has of them is not known without repeats.
+    """
+    best: Levels | None = None
+    for seconds in OVER_S:
+        width = round(seconds * groups.rate)
+        if width < SHORTEST:
+            continue
+        changes = _changes(groups, width)
+        found = _alike(changes, width / groups.rate)
+        if found is not None and (best is None or found.count > best.count):
+            best = found
+    return best
+
+
+def _changes(groups: Groups, width: int) -> list[FloatArray]:
+    """From each average of so many samples to the next but one, of what two repeats differ by."""
+    out = []
+    for group in groups.groups:
+        for a, b in group.blocks:
+            count = (b - a) // width
+            if group.repeats < 2 or count < LEAST:
+                continue
+            apart = np.diff(group.measured_um[:, a : a + count * width], axis=0)
+            means = apart.reshape(len(apart), count, width).mean(axis=2)
+            out += list(means[:, 2:] - means[:, :-2])
+    return out
+
+
+def _alike(changes: list[FloatArray], step_s: float) -> Levels | None:
+    if not changes:
+        return None
+    every = np.concatenate(changes)
+    usual = float(np.median(np.abs(every - np.median(every)))) / USUAL
+    if not usual > 0.0:
+        return None
+    sizes = np.concatenate([_steps(row, STANDS_OUT * usual) for row in changes])
+    if sizes.size < LEAST or sizes.size > MOST * every.size:
+        return None
+    size = float(np.median(np.abs(sizes)))
+    off = float(np.median(np.abs(np.abs(sizes) - size)))
+    uneven = abs(float(np.sum(np.sign(sizes)))) / np.sqrt(sizes.size)
+    fringes = size / FRINGE_UM
+    if off > ALIKE * size or uneven > UNEVEN or abs(fringes - round(fringes)) < OFF * fringes:
+        return None
+    seconds = step_s * every.size
+    return Levels(int(sizes.size), 1e3 * size, 0.5 * sizes.size / seconds)  # two recordings' steps
+
+
+def _steps(row: FloatArray, least: float) -> FloatArray:
+    """The largest change of every stretch of changes that stand out."""
+    loud = np.abs(row) > least
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], loud.astype(int), [0]])))
+    return np.array([
+        row[a:b][np.argmax(np.abs(row[a:b]))] for a, b in zip(edges[::2], edges[1::2], strict=True)
+    ])  # fmt: skip
