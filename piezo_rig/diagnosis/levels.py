@@ -17,7 +17,7 @@ from piezo_rig.diagnosis.groups import Groups
 FloatArray = NDArray[np.float64]
 OVER_S = (0.002, 0.005, 0.01, 0.02, 0.04)  # averaged before steps are looked for
 SHORTEST = 3  # samples of such an average
-STANDS_OUT = 6.0  # standard deviations of what the averages usually change by
+STANDS_OUT = 4.5  # standard deviations of what the averages usually change by
 USUAL = 0.6745  # standard deviations that half of normal numbers stay within
 LEAST = 12  # steps
 ALIKE = 0.15  # of their size, by which half of the steps may be off it

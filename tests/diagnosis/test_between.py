@@ -1,0 +1,89 @@
+"""Drives that turn between samples, and drives whose very samples were played."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from piezo_rig.causes import CAUSES
+from piezo_rig.chain import Elements, Maxwell, Model
+from piezo_rig.diagnosis import diagnose
+from piezo_rig.diagnosis.between import denser
+from piezo_rig.run_file.sweep import Sweep
+from tests.diagnosis.sliders import play
+
+RATE, FINER = 2000.0, 16
+DRIVES = ((75.0, 7.3), (40.0, 13.7), (60.0, 3.1))  # V, Hz
+LIMITS = np.linspace(0.5, 30.0, 40)
+
+
+def triangle(time, high, hz):
+    return high * (1.0 - np.abs(2.0 * ((hz * time) % 1.0) - 1.0))
+
+
+def turns_of(high, hz, end_s):
+    """Times and volts of all turning points of a triangle, but for where it begins."""
+    number = np.arange(1, int(2.0 * hz * end_s) + 1)
+    return number / (2.0 * hz), np.where(number % 2, high, 0.0)
+
+
+@pytest.mark.parametrize(("high", "hz"), [*DRIVES, (20.0, 31.0)])
+def test_lines_meet_where_the_drive_turned(high, hz):
+    time = np.arange(2000) / RATE
+    found = denser(time, triangle(time, high, hz))
+    at, volts = turns_of(high, hz, time[-1] - 3.0 / RATE)
+    between = np.abs(at * RATE - np.round(at * RATE)) > 0.05
+    there = found.time_s[~found.given], found.drive_v[~found.given]
+    for t, v in zip(at[between], volts[between], strict=True):
+        k = np.argmin(np.abs(there[0] - t))
+        assert there[0][k] == pytest.approx(t, abs=1e-9)
+        assert there[1][k] == pytest.approx(v, abs=1e-9)
+    assert np.array_equal(found.drive_v[found.given], triangle(time, high, hz))
+    assert np.all(np.diff(found.time_s) > 0.0)
+
+
+@pytest.mark.parametrize("drive", [
+    lambda t: triangle(t, 75.0, 2.0), lambda t: 37.5 * (1.0 - np.cos(2.0 * np.pi * 7.3 * t)),
+    lambda t: np.minimum(300.0 * t, 50.0), lambda t: 0.0 * t,
+    lambda t: np.random.default_rng(1).uniform(0.0, 75.0, t.size),
+])  # fmt: skip
+def test_nothing_is_added_where_no_straight_lines_meet_between_samples(drive):
+    time = np.arange(2000) / RATE
+    assert denser(time, drive(time)) is None
+
+
+def test_a_slew_limit_turns_where_it_meets_the_drive():
+    time = np.arange(1500) / 5000.0
+    drive = triangle(time, 75.0, 4.0)  # 600 V/s, turns at a sample
+    model = Model((Maxwell.of(Elements.from_curve(np.array([1.0, 75.0]), np.array([0.1, 0.1]))),),
+                  {}, "")  # fmt: skip
+    assert denser(time, drive, model) is None
+    limited = model.with_stage(CAUSES["slew-limit"].of(None, limit=540.0))
+    found = denser(time, drive, limited)
+    # up at 540 V/s until 75 V - 600 V/s x (t - 0.125 s)
+    assert found.time_s[~found.given][0] == pytest.approx(150.0 / 1140.0, abs=1e-9)
+
+
+def recordings(finer, seed=0, noise_um=1e-3):
+    """Three triangles, twice each, of a body that follows what lies between samples, or does not.
+    """
+    rng, out = np.random.default_rng(seed), []
+    for k, (high, hz) in enumerate(DRIVES):
+        time = np.arange(int(1.2 * RATE) * finer) / (RATE * finer)
+        moved = play(triangle(time, high, hz), LIMITS, 0.002)[::finer]
+        for repeat in range(2):
+            seen = moved + noise_um * rng.standard_normal(moved.size)
+            out.append(Sweep(
+                f"sweep_{2 * k + repeat + 1:04d}", triangle(time[::finer], high, hz), seen, RATE,
+                1.0, 0.0, 1.0, 1, 0.0, f"{high:g} V at {hz:g} Hz", repeat + 1, "virgin",
+                60.0 * (2 * k + repeat), "SIMULATED",
+            ))  # fmt: skip
+    return out
+
+
+@pytest.mark.parametrize("finer", [FINER, 1])
+def test_a_body_with_nothing_hidden_is_silent_whatever_lies_between_samples(finer):
+    out = diagnose(recordings(finer))
+    assert out.findings == [] and not out.unexplained.detected
+    assert any("turns between samples" in note for note in out.notes) == (finer > 1)
+    assert out.rungs[-1].rms_nm < 1.1  # of a noise of 1

@@ -1,0 +1,68 @@
+"""Noise that switches between two levels, and what must not be taken for it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from piezo_rig.diagnosis import diagnose
+from piezo_rig.diagnosis.grouping import group_tracks
+from piezo_rig.diagnosis.levels import levels
+from piezo_rig.identification import prepare
+from tests.diagnosis.two_drives import session
+
+STEP_UM = 0.012
+
+
+def steady(number, time):
+    return 0.0 * time
+
+
+def with_(sweeps, added):
+    """The recordings with something that their sensor adds: of number and samples."""
+    return [
+        s.with_(sensor_v=s.sensor_v + added(k, s.sensor_v.size)) for k, s in enumerate(sweeps)
+    ]
+
+
+def switching(seed, dwell_s, step_um=STEP_UM):
+    """Up and down at random, so many seconds at each on the average."""
+    rng = np.random.default_rng(seed)
+    return lambda k, n: step_um * (np.cumsum(rng.random(n) < 1e-3 / dwell_s) % 2)
+
+
+def found(sweeps):
+    return levels(group_tracks(prepare(sweeps), sweeps))
+
+
+@pytest.mark.parametrize("colour", ["white", "ar"])
+@pytest.mark.parametrize("dwell_s", [0.15, 0.5])
+@pytest.mark.parametrize("seed", range(3))
+def test_how_far_apart_they_are_and_how_often_they_change(colour, dwell_s, seed):
+    told = found(with_(session(seed, colour, steady), switching(seed, dwell_s)))
+    assert told.step_nm == pytest.approx(1e3 * STEP_UM, rel=0.15)
+    assert told.per_second == pytest.approx(1.0 / dwell_s, rel=0.5)
+
+
+@pytest.mark.parametrize("colour", ["white", "ar"])
+@pytest.mark.parametrize("seed", range(8))
+def test_noise_has_no_levels(colour, seed):
+    assert found(session(seed, colour, steady)) is None
+
+
+@pytest.mark.parametrize("added", [
+    lambda k, n: 0.05 * (np.arange(n) > 1500) * (k == 2),  # one step
+    lambda k, n: switching(k, 0.5, 0.0791)(k, n),  # fringes
+    lambda k, n: 0.012 * np.sin(2.0 * np.pi * 11.3 * np.arange(n) / 1000.0 + k),  # a tone
+    lambda k, n: 0.02 * k * np.arange(n) / n,  # drifts
+    lambda k, n: 1e-3 * np.cumsum(np.random.default_rng(k).standard_normal(n)),  # a walk
+])  # fmt: skip
+def test_neither_have_steps_of_other_kinds(added):
+    assert found(with_(session(0, "white", steady), added)) is None
+
+
+def test_a_diagnosis_says_so_and_names_no_lost_samples():
+    out = diagnose(with_(session(1, "white", steady), switching(1, 0.15)))
+    assert out.findings == []
+    assert out.unexplained.detected and "clock" in out.unexplained.depends_on
+    assert "two levels" in out.unexplained.text
