@@ -172,14 +172,14 @@ class Search:
             level = min(LATER if self.causes else LEVEL, self.level)
             good = np.flatnonzero(family < level)
             best = float(result.ratio[good].max()) if good.size else 0.0
-            if here.evidence + HOPE * min(self.most - len(self.causes), PAIR) * best < self.goal:
-                return
             plainly = PLAINLY
             if good.size and CAUSES[result.ids[good[np.argmax(result.ratio[good])]]].has_elements:
                 plainly = OF_A_TABLE  # which does whatever the law lacks, and much besides
-            if bend(self, here, found, good) or (
-                good.size and self.let_go(here, plainly * best)
-            ):
+            if bend(self, here, found, good):
+                continue
+            if here.evidence + HOPE * min(self.most - len(self.causes), PAIR) * best < self.goal:
+                return
+            if good.size and self.let_go(here, plainly * best):
                 continue
             if good.size and self.take(here, found, good, family):
                 self.stopped = len(self.causes) == 1 and self.stop(self.fitted)

@@ -51,7 +51,7 @@ def test_a_model_that_is_refitted_knows_whatever_is_played():
     assert said(group(100.0, False), fixed=()) == []
 
 
-@pytest.mark.parametrize(("half", "expected"), [(0.5, False), (1.5, False), (1.9, True)])
+@pytest.mark.parametrize(("half", "expected"), [(0.6, False), (1.8, False), (2.3, True)])
 def test_a_share_of_creep_that_the_data_say_nothing_of_is_not_shown(half, expected):
     creep = CAUSES["creep"].of(None, rate_per_decade=0.02)
     share = Parameter(1.0, "1", (1.0 - half, 1.0 + half))
