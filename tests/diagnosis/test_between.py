@@ -84,6 +84,7 @@ def recordings(finer, seed=0, noise_um=1e-3):
 @pytest.mark.parametrize("finer", [FINER, 1])
 def test_a_body_with_nothing_hidden_is_silent_whatever_lies_between_samples(finer):
     out = diagnose(recordings(finer))
-    assert out.findings == [] and not out.unexplained.detected
+    assert out.findings == []
+    assert not out.unexplained.detected
     assert any("turns between samples" in note for note in out.notes) == (finer > 1)
     assert out.rungs[-1].rms_nm < 1.1  # of a noise of 1

@@ -64,5 +64,6 @@ def test_neither_have_steps_of_other_kinds(added):
 def test_a_diagnosis_says_so_and_names_no_lost_samples():
     out = diagnose(with_(session(1, "white", steady), switching(1, 0.15)))
     assert out.findings == []
-    assert out.unexplained.detected and "clock" in out.unexplained.depends_on
+    assert out.unexplained.detected
+    assert "clock" in out.unexplained.depends_on
     assert "two levels" in out.unexplained.text
