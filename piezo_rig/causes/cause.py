@@ -24,6 +24,7 @@ FloatArray = NDArray[np.float64]
 NEAR = 0.15  # share by which numbers may differ where columns made with others serve
 NEAR_IN_TIME = 0.01  # of delays and modes: at 6 %, one of 80 us gained 60 by columns of 75 us
 BENT = 1.1  # largest slew, of the mean of the fastest half loop; noise of a recorded drive is less
+AT_BEST = 1e-4  # of a reading, that digitizers and amplifiers are good for; most say 0.03 to 0.1 %
 NEAR_AT_A_LIMIT = 0.001  # of the drive: beyond it the drive is another one
 
 
@@ -106,6 +107,8 @@ class Cause(Stage):
     whole : its examples are the effect itself, and not a small part of it
     near : share by which its numbers may differ where columns that were made with others serve
     kinked : a parameter in seconds whose effect has a kink at whole samples, where a descent hangs
+    known_to : share of a level or a limit by which instruments agree at best: no interval of it
+        is narrower
     bending : a level, beyond which a descent may begin better: elements bend to stay within it
     loosened : optional parameters that let go of its assumed law, and the size of an example: they
         are fitted where the effect is so large that what is left of it shows
@@ -130,6 +133,7 @@ class Cause(Stage):
     whole: ClassVar[bool] = False
     near: ClassVar[float] = NEAR
     kinked: ClassVar[str] = ""
+    known_to: ClassVar[float] = 0.0
     bending: ClassVar[str] = ""
     loosened: ClassVar[Mapping[str, float]] = {}
     needs_speeds: ClassVar[bool] = False

@@ -21,7 +21,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from piezo_rig.causes.cause import NEAR_AT_A_LIMIT, Cause, Context, FloatArray
+from piezo_rig.causes.cause import AT_BEST, NEAR_AT_A_LIMIT, Cause, Context, FloatArray
 from piezo_rig.chain.branches import Branches
 from piezo_rig.chain.increments import Increment, Operation
 from piezo_rig.chain.stage import Parameter, Signal, Stage
@@ -45,6 +45,7 @@ class DriveClipping(Cause):
     place = "drive"
     together = True
     near: ClassVar[float] = NEAR_AT_A_LIMIT
+    known_to: ClassVar[float] = AT_BEST
     units: ClassVar[Mapping[str, str]] = {"lower": "V", "upper": "V"}
     neutral: ClassVar[Mapping[str, float]] = {"lower": -NEVER_V, "upper": NEVER_V}
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {

@@ -20,7 +20,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from piezo_rig.causes.cause import Cause, Context, FloatArray
+from piezo_rig.causes.cause import AT_BEST, Cause, Context, FloatArray
 from piezo_rig.chain.drives import first_measured
 from piezo_rig.chain.stage import Signal, Stage
 
@@ -39,6 +39,7 @@ class SensorClipping(Cause):
     like_a_bend = True  # a flat top
     sharp: ClassVar[Mapping[str, float]] = {"level": 3000.0}
     bending: ClassVar[str] = "level"
+    known_to: ClassVar[float] = AT_BEST
 
     def act(self, signal: Signal) -> Signal:
         if not signal.displacement_um.size:

@@ -20,7 +20,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from piezo_rig.causes.cause import NEAR_AT_A_LIMIT, Cause, Context, FloatArray
+from piezo_rig.causes.cause import AT_BEST, NEAR_AT_A_LIMIT, Cause, Context, FloatArray
 from piezo_rig.chain.branches import Branches
 from piezo_rig.chain.increments import Increment, Operation
 from piezo_rig.chain.stage import Signal, Stage
@@ -37,6 +37,7 @@ class SlewLimit(Cause):
     id = "slew-limit"
     place = "drive"
     near: ClassVar[float] = NEAR_AT_A_LIMIT
+    known_to: ClassVar[float] = AT_BEST
     whole: ClassVar[bool] = True
     law: ClassVar[Mapping[str, float]] = {"time_since_turn": 0.002}
     units: ClassVar[Mapping[str, str]] = {"limit": "V/s"}

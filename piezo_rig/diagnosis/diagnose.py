@@ -372,7 +372,15 @@ def parameters_of(
         said[stage.bending] = as_recorded(
             fitted.space.groups, fitted.point.model, at, 1e-3 * fitted.space.sample_noise_nm
         )
-    return said
+    return {n: _no_finer(p, stage.known_to) for n, p in said.items()}
+
+
+def _no_finer(p: Parameter, share: float) -> Parameter:
+    """With an interval that reaches at least this share of the value to either side."""
+    if p.ci95 is None:
+        return p
+    least = share * abs(p.value)
+    return replace(p, ci95=(min(p.ci95[0], p.value - least), max(p.ci95[1], p.value + least)))
 
 
 def _only_believed(stage: Cause, name: str, p: Parameter) -> bool:
