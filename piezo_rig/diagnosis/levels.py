@@ -2,7 +2,7 @@
 
 Such a telegraph signal comes at random, so repeats disagree by it and all of it counts as noise;
 its steps, taken one by one, look like lost samples or small jumps of the interferometer. Steps of
-one size, up as often as down and many of them, are neither.
+one size, up as often as down, many of them and away from turning points, are neither.
 """
 
 from __future__ import annotations
@@ -19,9 +19,10 @@ OVER_S = (0.002, 0.005, 0.01, 0.02, 0.04)  # averaged before steps are looked fo
 SHORTEST = 3  # samples of such an average
 STANDS_OUT = 4.5  # standard deviations of what the averages usually change by
 USUAL = 0.6745  # standard deviations that half of normal numbers stay within
-LEAST = 12  # steps
+LEAST = 20  # steps
 ALIKE = 0.15  # of their size, by which half of the steps may be off it
 UNEVEN = 3.0  # standard deviations, of a fair coin, between steps up and down
+BESIDE_S = 0.03  # of turning points: what many lost samples do there lasts as long as they did
 MOST = 0.25  # of all averages that may be steps: else nothing is usual
 FRINGE_UM, OFF = 0.0791, 0.04  # a jump of the interferometer; how near to a whole number of them
 
@@ -65,7 +66,10 @@ def levels(groups: Groups) -> Levels | None:
 
 
 def _changes(groups: Groups, width: int) -> list[FloatArray]:
-    """From each average of so many samples to the next but one, of what two repeats differ by."""
+    """From each average of so many samples to the next but one, of what two repeats differ by.
+
+    Only away from turning points: a lost sample turns over at every one of them.
+    """
     out = []
     for group in groups.groups:
         for a, b in group.blocks:
@@ -74,7 +78,12 @@ def _changes(groups: Groups, width: int) -> list[FloatArray]:
                 continue
             apart = np.diff(group.measured_um[:, a : a + count * width], axis=0)
             means = apart.reshape(len(apart), count, width).mean(axis=2)
-            out += list(means[:, 2:] - means[:, :-2])
+            begins = a + width * np.arange(count - 2)
+            turns = np.append(group.loops.start, group.loops.stop)
+            beside = max(width, round(BESIDE_S * groups.rate))
+            near = [np.any((turns > k - beside) & (turns < k + 3 * width + beside))
+                    for k in begins]  # fmt: skip
+            out += [np.where(near, np.nan, row) for row in means[:, 2:] - means[:, :-2]]
     return out
 
 
@@ -82,6 +91,9 @@ def _alike(changes: list[FloatArray], step_s: float) -> Levels | None:
     if not changes:
         return None
     every = np.concatenate(changes)
+    every = every[np.isfinite(every)]
+    if not every.size:
+        return None
     usual = float(np.median(np.abs(every - np.median(every)))) / USUAL
     if not usual > 0.0:
         return None
@@ -94,8 +106,8 @@ def _alike(changes: list[FloatArray], step_s: float) -> Levels | None:
     fringes = size / FRINGE_UM
     if off > ALIKE * size or uneven > UNEVEN or abs(fringes - round(fringes)) < OFF * fringes:
         return None
-    seconds = step_s * every.size
-    return Levels(int(sizes.size), 1e3 * size, 0.5 * sizes.size / seconds)  # two recordings' steps
+    seconds = step_s * every.size  # what is left of two recordings
+    return Levels(int(sizes.size), 1e3 * size, 0.5 * sizes.size / seconds)
 
 
 def _steps(row: FloatArray, least: float) -> FloatArray:

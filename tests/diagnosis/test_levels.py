@@ -61,6 +61,14 @@ def test_neither_have_steps_of_other_kinds(added):
     assert found(with_(session(0, "white", steady), added)) is None
 
 
+@pytest.mark.parametrize("lost", [1, 3, 20])
+def test_lost_samples_turn_over_with_the_drive_and_are_no_levels(lost):
+    sweeps = session(0, "white", steady)
+    cut = [np.append(np.delete(s.sensor_v, range(900, 900 + lost)), np.full(lost, s.sensor_v[-1]))
+           if k % 3 == 0 else s.sensor_v for k, s in enumerate(sweeps)]  # fmt: skip
+    assert found([s.with_(sensor_v=c) for s, c in zip(sweeps, cut, strict=True)]) is None
+
+
 def test_a_diagnosis_says_so_and_names_no_lost_samples():
     out = diagnose(with_(session(1, "white", steady), switching(1, 0.15)))
     assert out.findings == []
