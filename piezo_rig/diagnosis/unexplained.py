@@ -143,47 +143,42 @@ def with_line(rest: Unexplained, line: Line | None, floor_nm: float | None) -> U
     """The verdict with a line in clock time that no cause explains."""
     if line is None or line.p_value > LEVEL * LINES or line.rms_nm < 0.02 * (floor_nm or 0.0):
         return rest
-    words = [w for w in WORDS if w in {*rest.depends_on, "clock", "frequency"}]
     text = f"a line at {line.frequency:.1f} Hz in clock time, {_two(line.rms_nm)} nm rms"
-    return Unexplained(
-        True, min(rest.p_value, line.p_value), float(np.hypot(rest.rms_nm, line.rms_nm)),
-        rest.allowance_nm, words, f"{rest.text}; {text}" if rest.text else text,
-    )  # fmt: skip
+    return _besides(rest, line.p_value, line.rms_nm, ("clock", "frequency"), text)
 
 
 def with_gain(rest: Unexplained, gain: Unsteady | None, floor_nm: float | None) -> Unexplained:
     """The verdict with a gain that differs between recordings or along them."""
     if gain is None or gain.p_value > LEVEL * LINES or gain.rms_nm < SEEN * (floor_nm or 0.0):
         return rest
-    words = [w for w in WORDS if w in {*rest.depends_on, "clock", "displacement"}]
     text = (f"recordings of the same drive differ by {100.0 * gain.share:.2g} % of the "
             f"displacement, {_two(gain.rms_nm)} nm rms: the gain of amplifier or sensor is not "
             "steady")  # fmt: skip
-    return Unexplained(
-        True, min(rest.p_value, gain.p_value), float(np.hypot(rest.rms_nm, gain.rms_nm)),
-        rest.allowance_nm, words, f"{rest.text}; {text}" if rest.text else text,
-    )  # fmt: skip
+    return _besides(rest, gain.p_value, gain.rms_nm, ("clock", "displacement"), text)
 
 
 def with_bursts(rest: Unexplained, bursts: Bursts | None, floor_nm: float | None) -> Unexplained:
     """The verdict with noise that is not steady."""
     if bursts is None or bursts.rms_nm < SEEN * (floor_nm or 0.0):
         return rest
-    words = [w for w in WORDS if w in {*rest.depends_on, "clock"}]
-    return Unexplained(
-        True, rest.p_value, float(np.hypot(rest.rms_nm, bursts.rms_nm)), rest.allowance_nm, words,
-        f"{rest.text}; {bursts.text}" if rest.text else bursts.text,
-    )  # fmt: skip
+    return _besides(rest, rest.p_value, bursts.rms_nm, ("clock",), bursts.text)
 
 
 def with_levels(rest: Unexplained, found: Levels | None) -> Unexplained:
     """The verdict with noise that switches between two levels."""
     if found is None:
         return rest
-    words = [w for w in WORDS if w in {*rest.depends_on, "clock"}]
+    return _besides(rest, rest.p_value, found.rms_nm, ("clock",), found.text)
+
+
+def _besides(
+    rest: Unexplained, p_value: float, rms_nm: float, goes_with: tuple[str, ...], text: str
+) -> Unexplained:
+    """The verdict with something more that no cause explains."""
+    words = [w for w in WORDS if w in {*rest.depends_on, *goes_with}]
     return Unexplained(
-        True, rest.p_value, float(np.hypot(rest.rms_nm, found.rms_nm)), rest.allowance_nm, words,
-        f"{rest.text}; {found.text}" if rest.text else found.text,
+        True, min(rest.p_value, p_value), float(np.hypot(rest.rms_nm, rms_nm)), rest.allowance_nm,
+        words, f"{rest.text}; {text}" if rest.text else text,
     )  # fmt: skip
 
 
