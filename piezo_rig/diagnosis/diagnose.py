@@ -11,16 +11,14 @@ from pathlib import Path
 import numpy as np
 
 from piezo_rig.causes import CAUSES, named_model
-from piezo_rig.causes.cause import Cause, FirstSpring
+from piezo_rig.causes.cause import Cause
 from piezo_rig.causes.input_bend import InputBend
 from piezo_rig.causes.output_bend import OutputBend
-from piezo_rig.chain import Model, Parameter
+from piezo_rig.chain import Model
 from piezo_rig.chain.bend import Bend
 from piezo_rig.diagnosis.abreast import abreast, both
-from piezo_rig.diagnosis.as_recorded import as_recorded
 from piezo_rig.diagnosis.between import turn_between
 from piezo_rig.diagnosis.bursts import bursts
-from piezo_rig.diagnosis.chances import AS_HELD
 from piezo_rig.diagnosis.checks import (
     baseline_warnings,
     beyond_its_drives,
@@ -28,6 +26,7 @@ from piezo_rig.diagnosis.checks import (
     far_off,
     further_off,
 )
+from piezo_rig.diagnosis.claimed import final_model, parameters_of
 from piezo_rig.diagnosis.climbed import Climbed, climbed
 from piezo_rig.diagnosis.confusion import confusion
 from piezo_rig.diagnosis.early import (
@@ -43,7 +42,6 @@ from piezo_rig.diagnosis.early import (
 )
 from piezo_rig.diagnosis.early.remembered import without_remembered
 from piezo_rig.diagnosis.engine import plain_space
-from piezo_rig.diagnosis.first_spring import offset_of, with_offset
 from piezo_rig.diagnosis.fit import Point, starting_model
 from piezo_rig.diagnosis.follow_up import follow_up
 from piezo_rig.diagnosis.found import NO_FINDINGS, Diagnosis, Finding, Rung
@@ -54,7 +52,6 @@ from piezo_rig.diagnosis.held_out import Errors, extrapolates, gain, held_out_er
 from piezo_rig.diagnosis.isolability import Workings
 from piezo_rig.diagnosis.levels import levels
 from piezo_rig.diagnosis.memory import give_back
-from piezo_rig.diagnosis.reaches import Intervals
 from piezo_rig.diagnosis.refit import Fitted, refit, settle
 from piezo_rig.diagnosis.scan import LEVEL
 from piezo_rig.diagnosis.space import Space
@@ -73,7 +70,6 @@ from piezo_rig.run_file.sweep import Sweep
 
 Tell = Callable[[str], None]
 SHARE = 0.2  # of the false alarms that a search of the raw recordings may take
-BELIEVED = 0.9  # of the spread that is believed beforehand: data that leave so much say nothing
 BENDS = {
     Bend.id: "the actuator's reversible strain is not linear in the drive",
     InputBend.id: "springs and sliders follow a drive that is not linear in the volts",
@@ -339,88 +335,6 @@ def _by_laws_nm(rungs: Sequence[Rung]) -> float:
         and after.added not in EVENTS
     )  # fmt: skip
     return float(np.sqrt(square))
-
-
-def parameters_of(
-    fitted: Fitted, cause: str, model: Model, spread: Intervals
-) -> dict[str, Parameter]:
-    """Reported parameters of an accepted cause, with the values of the final model.
-
-    ``spread`` : intervals that are not those of the linear fit
-    """
-    stage = model.stage(cause)
-    assert isinstance(stage, Cause)
-    order = list(stage.parameters)
-    covariance = np.zeros((len(order), len(order)))
-    index = {name: j for j, (id, name) in enumerate(fitted.point.names) if id == cause}
-    for a, name in enumerate(order):
-        for b, other in enumerate(order):
-            if name in index and other in index:
-                covariance[a, b] = fitted.covariance[index[name], index[other]]
-    said = {
-        n: replace(p, ci95=stage.parameters[n].ci95)  # as it was held
-        if n in stage.parameters and n not in index and p.ci95 is None else p
-        for n, p in stage.reported(covariance).items()
-    }  # fmt: skip
-    said = {n: p for n, p in said.items() if not _only_believed(stage, n, p)}
-    begun = fitted.point.model.stage(cause)
-    if isinstance(begun, FirstSpring) and not fitted.point.fixed:
-        said["offset"] = offset_of(fitted, begun)
-    said = {n: _spread(p, spread.get((cause, n))) for n, p in said.items()}
-    if stage.bending:
-        at = said[stage.bending]
-        said[stage.bending] = as_recorded(
-            fitted.space.groups, fitted.point.model, at, 1e-3 * fitted.space.sample_noise_nm
-        )
-    return {n: _no_finer(p, stage.known_to) for n, p in said.items()}
-
-
-def _no_finer(p: Parameter, share: float) -> Parameter:
-    """With an interval that reaches at least this share of the value to either side."""
-    if p.ci95 is None:
-        return p
-    least = share * abs(p.value)
-    return replace(p, ci95=(min(p.ci95[0], p.value - least), max(p.ci95[1], p.value + least)))
-
-
-def _only_believed(stage: Cause, name: str, p: Parameter) -> bool:
-    """Whether the data say nearly nothing of what a law is taken to be beforehand."""
-    if name not in stage.priors or p.ci95 is None:
-        return False
-    return 0.5 * (p.ci95[1] - p.ci95[0]) > BELIEVED * AS_HELD * 1.96 * stage.priors[name][1]
-
-
-def _spread(p: Parameter, interval: tuple[float, float] | None) -> Parameter:
-    """With another interval, which holds the value all the same."""
-    if interval is None:
-        return p
-    return replace(p, ci95=(min(interval[0], p.value), max(interval[1], p.value)))
-
-
-def final_model(fitted: Fitted, name: str, spread: Intervals) -> Model:
-    """The extended model with intervals, the first spring's constant part in its law."""
-    model = fitted.point.model
-    for stage in model.stages:
-        if stage.units and isinstance(stage, Cause):
-            own = {}
-            for j, (id, parameter) in enumerate(fitted.point.names):
-                if id == stage.id and fitted.covariance.size:
-                    half = 1.96 * float(np.sqrt(max(fitted.covariance[j, j], 0.0)))
-                    value = stage[parameter]
-                    linear = Parameter(
-                        value, stage.parameters[parameter].unit, (value - half, value + half)
-                    )
-                    own[parameter] = _spread(linear, spread.get((stage.id, parameter)))
-            model = model.with_(
-                stages=tuple(
-                    type(s)(s.parameters | own, s.elements) if s.id == stage.id else s
-                    for s in model.stages
-                )
-            )
-    for stage in model.stages:
-        if isinstance(stage, FirstSpring) and not fitted.point.fixed:
-            model = with_offset(fitted, model, stage)
-    return model.with_(name=f"{name} extended")
 
 
 def recording_offsets(

@@ -11,7 +11,7 @@ from piezo_rig.causes import CAUSES
 from piezo_rig.chain import Elements, Maxwell, Model, Parameter
 from piezo_rig.chain.half_loops import half_loops
 from piezo_rig.diagnosis.checks import beyond_its_drives
-from piezo_rig.diagnosis.diagnose import _only_believed
+from piezo_rig.diagnosis.claimed import _only_believed
 
 REACH_V = 37.5  # thresholds up to half a swing of 75 V
 MODEL = Model((Maxwell.of(Elements.from_curve(np.linspace(2.5, REACH_V, 15), np.full(15, 0.13))),))

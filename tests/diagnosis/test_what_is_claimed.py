@@ -10,8 +10,8 @@ import pytest
 from piezo_rig.causes import CAUSES
 from piezo_rig.chain import Elements, Maxwell, Model, Parameter
 from piezo_rig.diagnosis.chances import as_held
+from piezo_rig.diagnosis.claimed import _no_finer
 from piezo_rig.diagnosis.climb import Search
-from piezo_rig.diagnosis.diagnose import _no_finer
 
 TABLE = Elements.from_curve(np.array([1.0, 75.0]), np.array([0.1, 0.12]))
 
