@@ -68,11 +68,18 @@ def _on_the_scale(signal: Signal) -> FloatArray:
     x, reads = signal.displacement_um, signal.reads_um
     if reads is None:
         return x
-    ends = np.append(signal.begins[1:], x.size)
+    begins = signal.begins
+    middle = np.add.reduceat(x * signal.of_drive.get("weights", lambda: _weights(signal)), begins)
+    return np.asarray(x + np.repeat(reads - middle, np.diff(begins, append=x.size)))
 
-    def first() -> FloatArray:
-        parts = zip(signal.begins.tolist(), ends.tolist(), strict=True)
-        return np.array([a + first_measured(signal.time_s[a:b]) for a, b in parts])
 
-    at = signal.of_drive.get("first measured", first)
-    return np.asarray(x + np.repeat(reads - x[at], ends - signal.begins))
+def _weights(signal: Signal) -> FloatArray:
+    """Of every sample (n,) in the mean over the time that a stretch is measured."""
+    out, ends = np.zeros(signal.time_s.size), np.append(signal.begins[1:], signal.time_s.size)
+    for begin, end in zip(signal.begins.tolist(), ends.tolist(), strict=True):
+        first = begin + first_measured(signal.time_s[begin:end])
+        steps = np.diff(signal.time_s[first:end])
+        out[first : end - 1] += 0.5 * steps
+        out[first + 1 : end] += 0.5 * steps
+        out[first:end] = out[first:end] / steps.sum() if steps.size else 1.0
+    return out

@@ -130,7 +130,7 @@ class Model:
         memo : of this drive with this history
         earlier : turning points of the drives that were played before a ``virgin`` one, oldest
             first; they matter to a model with a stage that remembers them
-        reads_um : what an interferometer's own scale reads at the first sample, where that is
+        reads_um : what an interferometer's own scale reads in the mean over time, where that is
             not the model's displacement; the same for every call with one ``memo``
         played : shape (R,), cycles that were played before each of the recordings whose mean is
             asked for, none by default; the same for every call with one ``memo``

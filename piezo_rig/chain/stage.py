@@ -64,9 +64,9 @@ class Signal:
     ``begins`` : shape (k,), samples at which a stretch begins, played by itself: several drives
     are played at once as one signal. ``of_drive`` keeps what stages make of time and drive alone,
     ``of_displacement`` what they make of the displacement too. ``reads_um`` : shape (k,), what an
-    interferometer's own scale reads where each stretch begins to be measured; None where its zero
-    is the model's. ``played`` : for each stretch the cycles that were played before it, one number
-    for each recording whose mean it stands for; None where it is the first.
+    interferometer's own scale reads in the mean over the time that each stretch is measured; None
+    where its zero is the model's. ``played`` : for each stretch the cycles that were played before
+    it, one number for each recording whose mean it stands for; None where it is the first.
     """
 
     time_s: FloatArray

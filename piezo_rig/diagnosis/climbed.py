@@ -174,18 +174,15 @@ def _near(before: tuple[float, ...], left: tuple[float, ...]) -> bool:
 
 def _climbed(
     clean: Groups, start: Point, rng: np.random.Generator, tell: Callable[[str], None], others: int,
-    reading: Reading | None, brief: bool = False, scale: Model | None = None,
-    told: tuple[Model, float] | None = None,
+    reading: Reading | None, brief: bool = False, told: tuple[Model, float] | None = None,
 ) -> Climbed:
     """
     Parameters
     ----------
-    scale : explains more than ``start`` does, and tells where on it recordings begin
     told : a model with the ageing that recordings of one drive show, and its chance
     """
     tell("noise")
-    before, clean = clean, on_one_scale(clean, scale or start.model)
-    only_for_scale = scale is None and clean is not before
+    clean = on_one_scale(clean, start.model)
     whitener, repeated = engine.noise_of(clean, start, rng)
     out = _set_out(clean, whitener, repeated, start)
     space, first = out.space, out.first
@@ -205,7 +202,6 @@ def _climbed(
         out.turned = turn_between(space, fitted)
         return out.turned
 
-    upwards = brief or only_for_scale
     some, begun = None if start.fixed else some_of(clean), list[Step]()
     if some is not None:
         tell(f"{len(some.groups)} drives of {len(clean.groups)}")
@@ -213,20 +209,15 @@ def _climbed(
         part.space.excluded, part.space.longest = space.excluded, space.longest
         looked = look(
             part.space, part.first, rng, tell, part.gates(part.first), part.noise_nm, others,
-            part.helps, upwards,
+            part.helps, brief,
         )  # fmt: skip
         begun, out.known = on_all(space, looked, out.error_nm, tell)
     out.ladder = climb(
-        space, first, rng, tell, out.gates(first), out.noise_nm, others, out.helps, upwards, begun,
+        space, first, rng, tell, out.gates(first), out.noise_nm, others, out.helps, brief, begun,
         turns,
     )  # fmt: skip
     if out.turned:
         return out
-    if only_for_scale:
-        # phases were read beside all that the baseline leaves; most of that is explained now
-        tell("where recordings begin on the interferometer's scale")
-        last = out.ladder.last.point.model.without(PERIODIC)
-        return _climbed(clean, start, rng, tell, others, reading, brief, last, told)
     if brief and out.ladder.steps:
         return out
     if not out.monitored or reading is None:

@@ -310,7 +310,8 @@ class Columns:
         """A stretch of a group at the thinned rate."""
         whole = replace(group, blocks=((begin, end),))
         if group.reads_um is not None:
-            there = float(group.predicted(model)[begin])
+            moved = group.predicted(model)
+            there = float(moved[begin:end].mean() - moved.mean())
             whole = replace(whole, reads_um=group.reads_um + there)
         thin = self.groups.thinned
         time = thin(whole, group.time_s)

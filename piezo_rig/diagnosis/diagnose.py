@@ -27,7 +27,7 @@ from piezo_rig.diagnosis.checks import (
     further_off,
 )
 from piezo_rig.diagnosis.claimed import final_model, parameters_of
-from piezo_rig.diagnosis.climbed import Climbed, climbed
+from piezo_rig.diagnosis.climbed import PERIODIC, Climbed, climbed
 from piezo_rig.diagnosis.confusion import confusion
 from piezo_rig.diagnosis.early import (
     HUM,
@@ -53,6 +53,7 @@ from piezo_rig.diagnosis.isolability import Workings
 from piezo_rig.diagnosis.levels import levels
 from piezo_rig.diagnosis.memory import give_back
 from piezo_rig.diagnosis.refit import Fitted, refit, settle
+from piezo_rig.diagnosis.scale import at_one_phase
 from piezo_rig.diagnosis.scan import LEVEL
 from piezo_rig.diagnosis.space import Space
 from piezo_rig.diagnosis.unexplained import (
@@ -154,6 +155,11 @@ def _diagnosed(
     if found_early:
         clean = found_early[-1].groups
         start = refit(plain_space(clean, point.model), point)
+    whole, clean = clean, at_one_phase(clean, start.point.model)
+    if clean is not whole:
+        notes.append("the interferometer's periodic error has another phase in every recording: "
+                     "repeats are turned to that of the first")  # fmt: skip
+        start = refit(plain_space(clean, start.point.model), start.point)
     if reading is not None:
         notes += reading.notes
         warnings += reading.warnings
@@ -175,7 +181,8 @@ def _diagnosed(
         tell("hum once more")
         before = found_early[-2].groups if len(found_early) > 1 else raw
         found_early[-1] = hum_again(before, found_early[-1], search.ladder.last.point.model)
-        clean = found_early[-1].groups
+        unrippled = search.ladder.last.point.model.without(PERIODIC)
+        clean = at_one_phase(found_early[-1].groups, unrippled)
         start = refit(plain_space(clean, start.point.model), start.point)
         search = climbed(clean, start.point, rng, tell, tried, reading)
     if search.turned or turn_between(search.space, search.ladder.last):

@@ -43,7 +43,7 @@ class Group:
         first; empty where the history is not known
     after : for every recording which of those it was played after; empty where they were made alike
     fine : ranges of samples that are not thinned
-    reads_um : what the interferometer's own scale reads at the first sample; None: the model's
+    reads_um : what the interferometer's own scale reads in the mean over time; None: the model's
     played : shape (R,), cycles of the session before each recording; None where nobody knows
     alike : whether the recordings were made as if played after the mean of what they were
     denser : the drive with turning points between samples, where it has any
@@ -205,9 +205,12 @@ class Group:
         count = max(count, min(before + 2, len(loops)))
         end = min(int(loops.stop[count - 1]) + 1, self.drive_v.size) if len(loops) else samples
         time, drive = self.time_s[:end], self.drive_v[:end]
+        reads, measured = self.reads_um, self.measured_um
+        if reads is not None:
+            reads += float(measured[:, :end].mean() - measured.mean())
         return replace(
             self, time_s=time, drive_v=drive, denser=self.denser and self.denser.before(time[-1]),
-            measured_um=self.measured_um[:, :end], loops=loops.first(count),
+            measured_um=measured[:, :end], loops=loops.first(count), reads_um=reads,
             blocks=tuple((a, min(b, end)) for a, b in self.blocks if min(b, end) - a >= 8),
         )  # fmt: skip
 
