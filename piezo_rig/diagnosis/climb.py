@@ -274,10 +274,11 @@ class Search:
         """
         result = found.result
         self.tell(f"refit with {' or '.join(result.ids[i] for i in close)}")
-        refits = abreast(self.space, [
-            partial(refitted, self.space, here, found, int(i)) for i in close
-        ], here.parts)  # fmt: skip
-        begun = [(int(i), f) for i, f in zip(close, refits, strict=True) if f is not None]
+        slow = sorted(map(int, close), key=lambda i: not _slow(result.ids[i]))  # these first
+        refits = dict(zip(slow, abreast(self.space, [
+            partial(refitted, self.space, here, found, i) for i in slow
+        ], here.parts), strict=True))  # fmt: skip
+        begun = [(int(i), f) for i in close if (f := refits[int(i)]) is not None]
         for i in set(map(int, close)) - {i for i, _ in begun}:
             self.came_to_nothing(result.ids[i], here)
         most = max((f.evidence - here.evidence for _, f in begun), default=0.0)
@@ -448,3 +449,9 @@ class Search:
 def _number(model: Model, id: str, name: str) -> float:
     stage = model.stage(id)
     return 0.0 if stage is None else stage[name]
+
+
+def _slow(id: str) -> bool:
+    """Whether a cause is begun from several places, as beside kinks."""
+    kind = CAUSES[id]
+    return issubclass(kind, Cause) and bool(kind.kinked or kind.bending)
