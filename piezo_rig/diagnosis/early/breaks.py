@@ -42,7 +42,7 @@ LONG, WIDE = 0.03, 0.2  # shares by which the way may be wrong, and a first coun
 AGAIN = 2  # times that place and count are looked for in turn
 MANY, LEAST = 10, 40  # samples that are lost; that must be left to count them
 BESIDE = 4  # samples: so near to each other losses of two recordings are none
-NEAR_S = 0.3
+NEAR_S = 0.3, 0.03
 FEWER = 4  # counts that are tried
 PLAIN = 8  # losses of one drive that may be plain to see
 LESS, SAME = 0.3, 1.05  # what they may leave of what others do; the same, where they are fewer
@@ -117,7 +117,7 @@ def find_breaks(
     for g in sorted({s.group for s in found}):
         breaks = _plain(groups, predicted, found, breaks, sweeps, g, level)
         breaks = _mending(groups, predicted, breaks, g)
-    return Breaks(tuple(breaks))
+    return Breaks(tuple(_at_once(breaks)))
 
 
 def _likeliest(
@@ -230,6 +230,18 @@ def _cancelled(breaks: list[Break]) -> list[Break]:
     return out
 
 
+def _at_once(breaks: Sequence[Break]) -> list[Break]:
+    """Breaks with losses at one sample as the one loss that they are."""
+    out = dict[tuple[str, int, int, int], Break]()
+    for b in breaks:
+        key = b.cause, b.group, b.row, b.index
+        known = out.get(key)
+        out[key] = b if known is None else replace(
+            known, count=known.count + b.count, p_value=min(known.p_value, b.p_value)
+        )  # fmt: skip
+    return [b for b in out.values() if b.count]
+
+
 def _split(
     groups: Groups, predicted: list[FloatArray], found: list[Stretch], breaks: list[Break],
     sweeps: Sequence[Sweep], several: Break,
@@ -332,20 +344,21 @@ def _exactly(search: Search, peak: Peak, mixed: bool) -> tuple[float, Break | No
         if found is None:
             return None
         near, at = found, found[0]
-        # where several follow each other, the next ones hide what this one is
-        counted = _counted(search, stretch, white, peak, at, count)
-        if counted is None:
-            counted = _counted(search, stretch, white, peak, at, count, NEAR_S)
-            if counted is not None and mixed and peak.cause == JUMP:
-                speed = float(np.gradient(model[at - 1 : at + 2])[1])
-                missing = round(count * STEP_UM / speed) if speed else 0
-                rival = missing > 0 and _counted(
-                    search, stretch, white, replace(peak, cause=DROP), at, missing, NEAR_S
-                )
-                if rival and rival[1] > counted[1]:
-                    return None
+        counted = None
+        for within_s in (np.inf, *NEAR_S):  # others that follow hide what this one is
+            counted = _counted(search, stretch, white, peak, at, count, within_s)
+            if counted is not None:
+                break
         if counted is None:
             return None
+        if np.isfinite(within_s) and mixed and peak.cause == JUMP:
+            speed = float(np.gradient(model[at - 1 : at + 2])[1])
+            missing = round(count * STEP_UM / speed) if speed else 0
+            rival = missing > 0 and _counted(
+                search, stretch, white, replace(peak, cause=DROP), at, missing, within_s
+            )
+            if rival and rival[1] > counted[1]:
+                return None
         count, gained = counted
     if group.repeats < 2 and near[3] < CLEAR:
         return None

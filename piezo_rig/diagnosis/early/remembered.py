@@ -32,6 +32,7 @@ FloatArray = NDArray[np.float64]
 EXCURSIONS = np.linspace(0.04, 1.0, 25)  # of the largest drive from where it begins
 BETWEEN = np.linspace(-0.875, 0.875, 15)  # of a step between those
 EXPLAINED = 1.5  # misfit of such a beginning, of the misfit further on, at most
+NEARLY_ALL, HARDLY_ANY = 0.9, 0.1  # of all that is played; of the misfit of a virgin beginning
 APART = 3.0  # times what repeats differ by further on
 SUDDEN = 0.3  # of the whole difference, within four samples: damage
 REMEMBERS = "as after an earlier excursion that was not recorded"
@@ -105,7 +106,9 @@ def _remembers(model: Model, track: Track, begin: int) -> bool:
 
     near = min(EXCURSIONS, key=misfit)
     step = EXCURSIONS[1] - EXCURSIONS[0]
-    return min(misfit(x) for x in near + step * BETWEEN) < EXPLAINED * after
+    least = min(misfit(x) for x in near + step * BETWEEN)
+    # what has been as far as this goes rises as later branches do, whatever they are off by
+    return least < EXPLAINED * after or (near > NEARLY_ALL and least < HARDLY_ANY * virgin)
 
 
 def _misfit(model: Model, track: Track, excursion_v: float, part: slice) -> float:

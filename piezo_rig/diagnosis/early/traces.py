@@ -26,6 +26,7 @@ HATS, RISES = 14, 8
 NONE = np.zeros((1, 0))
 LOSSES = (1, 3, 9, 27, 81, 243)
 LOUD = 4.0  # times the median variance: not taken for noise
+FEW, UNLIKE = 8, 3.0  # samples; times that recordings differ more before their memory is known
 EXACT = 1e-5  # of the travel: no sensor resolves more
 
 
@@ -88,7 +89,23 @@ def way(values: FloatArray, samples: int) -> FloatArray:
 def _bounds(group: Group, sweeps: Sequence[Sweep]) -> list[tuple[int, int]]:
     if group.repeats < 2:  # a model predicts only where the memory is known
         return list(group.blocks)
-    return sweep_bounds(group, 0, sweeps)
+    bounds, begin = sweep_bounds(group, 0, sweeps), group.blocks[0][0]
+    if group.virgin or not _begun_differently(group):
+        return bounds
+    return [(max(a, min(begin, b)), b) for a, b in bounds]
+
+
+def _begun_differently(group: Group) -> bool:
+    """Whether recordings differ until the memory is known, and by far less from there on.
+
+    The first of a session may rise from rest, its repeats do not.
+    """
+    begin, end = group.blocks[0]
+    off = group.measured_um - group.measured_um.mean(axis=0)
+    before, after = off[:, :begin], off[:, begin:end]
+    if begin < FEW:
+        return False
+    return bool(before.std(axis=1).max() > UNLIKE * np.median(after.std(axis=1)))
 
 
 def sweep_bounds(group: Group, row: int, sweeps: Sequence[Sweep]) -> list[tuple[int, int]]:
