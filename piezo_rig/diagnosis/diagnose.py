@@ -179,10 +179,13 @@ def _diagnosed(
     if hums and search.ladder.steps:
         # hum was fitted to what the baseline left; most of that has an explanation now
         tell("hum once more")
-        before = found_early[-2].groups if len(found_early) > 1 else raw
-        found_early[-1] = hum_again(before, found_early[-1], search.ladder.last.point.model)
-        unrippled = search.ladder.last.point.model.without(PERIODIC)
-        clean = at_one_phase(found_early[-1].groups, unrippled)
+        better, hum = search.ladder.last.point.model, found_early.pop()
+        clean = found_early[-1].groups if found_early else raw
+        again = hum_again(clean, hum, better, SHARE * LEVEL, count)
+        if again is not None:
+            found_early.append(again)
+            clean = again.groups
+        clean = at_one_phase(clean, better.without(PERIODIC))
         start = refit(plain_space(clean, start.point.model), start.point)
         search = climbed(clean, start.point, rng, tell, tried, reading)
     if search.turned or turn_between(search.space, search.ladder.last):

@@ -360,7 +360,7 @@ def _exactly(search: Search, peak: Peak, mixed: bool) -> tuple[float, Break | No
             if rival and rival[1] > counted[1]:
                 return None
         count, gained = counted
-    if group.repeats < 2 and near[3] < CLEAR:
+    if (group.repeats < 2 or peak.cause == JUMP) and near[3] < CLEAR:
         return None
     before = lead(search.breaks, stretch.group, row, at)
     end = next(b for a, b in sweep_bounds(group, row, search.sweeps) if a <= at < b)

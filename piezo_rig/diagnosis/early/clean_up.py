@@ -165,8 +165,15 @@ def hum_behind(clean: Groups, model: Model, level: float, count: int) -> Early |
     return Early(HUM, hum.p_value * count, dict(hum.stage().parameters), hum.groups)
 
 
-def hum_again(before: Groups, found: Early, model: Model) -> Early:
-    """The hum fitted once more, to what a better model leaves of recordings that still have it."""
+def hum_again(
+    before: Groups, found: Early, model: Model, level: float, count: int
+) -> Early | None:
+    """The hum fitted once more, to what a better model leaves of recordings that still have it;
+    None where that leaves none.
+    """
+    heard = find_hum(before, model)
+    if heard is None or not heard.p_value * count < level:
+        return None
     told = found.parameters["frequency"]
     assert told.ci95 is not None
     spread_hz = (told.ci95[1] - told.ci95[0]) / (3.92 * AS_HELD)

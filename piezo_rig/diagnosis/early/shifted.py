@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from piezo_rig.diagnosis.early.mended import DROP, Break, lead
-from piezo_rig.diagnosis.early.traces import EXACT, sweep_bounds
+from piezo_rig.diagnosis.early.traces import EXACT, comparable_from, sweep_bounds
 from piezo_rig.diagnosis.groups import Group
 from piezo_rig.run_file.sweep import Sweep
 
@@ -56,10 +56,11 @@ def plain_loss(
 
     ``group`` : mended of all ``breaks``
     """
-    found = []
+    found, known = [], comparable_from(group)
     for row in range(group.repeats if group.repeats > 1 else 0):
         others = np.delete(group.measured_um, row, axis=0).mean(axis=0)
         for begin, end in sweep_bounds(group, row, sweeps):
+            begin = max(begin, min(known, end))
             cut = slice(begin, end)
             found += [(s, row, begin, end) for s in shifts(group.measured_um[row, cut],
                                                            others[cut])]  # fmt: skip
@@ -77,8 +78,9 @@ def plain_loss(
 
 
 def differing(group: Group) -> float:
-    """Mean square (um^2) by which recordings of one drive differ."""
-    rows = group.measured_um - group.measured_um.mean(axis=0)
+    """Mean square (um^2) by which recordings of one drive differ, where they should not."""
+    rows = group.measured_um[:, comparable_from(group) :]
+    rows = rows - rows.mean(axis=0)
     return float(rows.var(axis=1).mean())
 
 

@@ -26,7 +26,8 @@ HATS, RISES = 14, 8
 NONE = np.zeros((1, 0))
 LOSSES = (1, 3, 9, 27, 81, 243)
 LOUD = 4.0  # times the median variance: not taken for noise
-FEW, UNLIKE = 8, 3.0  # samples; times that recordings differ more before their memory is known
+PARTS, STEP = 16, 8  # of what comes before a memory is known; samples of a sudden step
+UNLIKE, SUDDEN = 3.0, 0.5  # times that recordings differ more there; of that, within a step
 EXACT = 1e-5  # of the travel: no sensor resolves more
 
 
@@ -89,23 +90,38 @@ def way(values: FloatArray, samples: int) -> FloatArray:
 def _bounds(group: Group, sweeps: Sequence[Sweep]) -> list[tuple[int, int]]:
     if group.repeats < 2:  # a model predicts only where the memory is known
         return list(group.blocks)
-    bounds, begin = sweep_bounds(group, 0, sweeps), group.blocks[0][0]
-    if group.virgin or not _begun_differently(group):
-        return bounds
-    return [(max(a, min(begin, b)), b) for a, b in bounds]
+    begin = comparable_from(group)
+    return [(max(a, min(begin, b)), b) for a, b in sweep_bounds(group, 0, sweeps)]
+
+
+def comparable_from(group: Group) -> int:
+    """First sample from which recordings of one drive should be alike: all, or where their memory
+    is known if they differ until then, and by far less from there on.
+
+    The first of a session may rise from rest, its repeats do not. A step is damage, and is sought.
+    """
+    return 0 if group.virgin or not _begun_differently(group) else group.blocks[0][0]
 
 
 def _begun_differently(group: Group) -> bool:
-    """Whether recordings differ until the memory is known, and by far less from there on.
-
-    The first of a session may rise from rest, its repeats do not.
-    """
     begin, end = group.blocks[0]
-    off = group.measured_um - group.measured_um.mean(axis=0)
-    before, after = off[:, :begin], off[:, begin:end]
-    if begin < FEW:
+    wide = max(begin // PARTS, STEP)
+    if begin < 2 * wide or end - begin < 2 * wide:
         return False
-    return bool(before.std(axis=1).max() > UNLIKE * np.median(after.std(axis=1)))
+    for row in group.measured_um - group.measured_um.mean(axis=0):
+        before, after = (_averages(x, wide) for x in (row[:begin], row[begin:end]))
+        before = np.append(before, after.mean())
+        ahead = _averages(row[:begin], STEP)
+        sudden = float(np.abs(np.diff(ahead)).max(initial=0.0))
+        if np.ptp(before) > UNLIKE * np.ptp(after) and sudden < SUDDEN * np.ptp(before):
+            return True
+    return False
+
+
+def _averages(values: FloatArray, wide: int) -> FloatArray:
+    """Over parts of so many samples."""
+    n = values.size // wide * wide
+    return np.asarray(values[:n].reshape(-1, wide).mean(axis=1))
 
 
 def sweep_bounds(group: Group, row: int, sweeps: Sequence[Sweep]) -> list[tuple[int, int]]:
