@@ -20,7 +20,7 @@ from typing import ClassVar
 import numpy as np
 
 from piezo_rig.causes.cause import Cause, Context, FloatArray
-from piezo_rig.chain.drives import first_measured
+from piezo_rig.chain.placed import Placed
 from piezo_rig.chain.stage import Parameter, Signal, Stage
 
 HALF_WAVE_UM = 0.3164
@@ -65,21 +65,8 @@ class PeriodicNonlinearity(Cause):
 
 def _on_the_scale(signal: Signal) -> FloatArray:
     """Displacement (n,) as the interferometer's own scale reads it, um."""
-    x, reads = signal.displacement_um, signal.reads_um
-    if reads is None:
+    x, placed = signal.displacement_um, Placed.of(signal)
+    if placed is None:
         return x
-    begins = signal.begins
-    middle = np.add.reduceat(x * signal.of_drive.get("weights", lambda: _weights(signal)), begins)
-    return np.asarray(x + np.repeat(reads - middle, np.diff(begins, append=x.size)))
-
-
-def _weights(signal: Signal) -> FloatArray:
-    """Of every sample (n,) in the mean over the time that a stretch is measured."""
-    out, ends = np.zeros(signal.time_s.size), np.append(signal.begins[1:], signal.time_s.size)
-    for begin, end in zip(signal.begins.tolist(), ends.tolist(), strict=True):
-        first = begin + first_measured(signal.time_s[begin:end])
-        steps = np.diff(signal.time_s[first:end])
-        out[first : end - 1] += 0.5 * steps
-        out[first + 1 : end] += 0.5 * steps
-        out[first:end] = out[first:end] / steps.sum() if steps.size else 1.0
-    return out
+    off = placed.scale_um - placed.means(x)
+    return np.asarray(x + placed.spread(np.where(np.isfinite(off), off, 0.0)))

@@ -7,7 +7,7 @@ from piezo_rig.chain.maxwell import Maxwell
 from piezo_rig.chain.memo import Memo
 from piezo_rig.chain.model import Model
 from piezo_rig.chain.model_file import read_model, save_model
-from piezo_rig.chain.stage import Parameter, Signal, Stage
+from piezo_rig.chain.stage import Parameter, Reads, Signal, Stage
 
 __all__ = [
     "Branches",
@@ -18,6 +18,7 @@ __all__ = [
     "Memo",
     "Model",
     "Parameter",
+    "Reads",
     "Signal",
     "Stage",
     "dead_band",

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from piezo_rig.chain.half_loops import half_loops
-from piezo_rig.chain.stage import Signal
+from piezo_rig.chain.stage import Reads, Signal
 from piezo_rig.errors import InputError
 
 FloatArray = NDArray[np.float64]
@@ -34,7 +34,7 @@ class Drives:
     @classmethod
     def of(
         cls, plays: Sequence[tuple[FloatArray, FloatArray, str]],
-        reads_um: Sequence[float] | None = None,
+        reads: Sequence[tuple[Reads, ...] | None] | None = None,
         played: Sequence[FloatArray] | None = None,
     ) -> Drives:  # fmt: skip
         """From times (n,), drives (n,), histories, readings and cycles, as `Model.simulate` does.
@@ -53,7 +53,7 @@ class Drives:
         signal = Signal(
             np.concatenate([s.time_s for s, _ in each]),
             np.concatenate([s.drive_v for s, _ in each]), np.zeros(0), ends - sizes,
-            reads_um=None if reads_um is None else np.array(reads_um, float),
+            reads=None if reads is None else tuple(reads),
             played=None if played is None else tuple(played),
         )  # fmt: skip
         inside: NDArray[np.bool_] | slice = slice(None)
@@ -76,12 +76,11 @@ def first_measured(time_s: FloatArray) -> int:
 
 
 def begun(
-    time_s: FloatArray, drive_v: FloatArray, history: str, reads_um: float | None = None,
+    time_s: FloatArray, drive_v: FloatArray, history: str, reads: tuple[Reads, ...] | None = None,
     played: FloatArray | None = None,
 ) -> tuple[Signal, int]:  # fmt: skip
     """The signal before any stage, and how many samples come before the given drive."""
     time, drive = _checked(time_s, drive_v)
-    reads = None if reads_um is None else np.array([reads_um])
     if history == "virgin":
         return at_rest(time, drive, reads, played), 0
     if not np.all(np.isfinite(drive)):
@@ -92,11 +91,12 @@ def begun(
 
 
 def at_rest(
-    time_s: FloatArray, drive_v: FloatArray, reads_um: FloatArray | None = None,
+    time_s: FloatArray, drive_v: FloatArray, reads: tuple[Reads, ...] | None = None,
     played: FloatArray | None = None,
 ) -> Signal:  # fmt: skip
     before = None if played is None else (played,)
-    return Signal(time_s, drive_v, np.zeros(0), reads_um=reads_um, played=before)
+    known = None if reads is None else (reads,)
+    return Signal(time_s, drive_v, np.zeros(0), reads=known, played=before)
 
 
 def long_after(time_s: FloatArray, before: int) -> FloatArray:

@@ -23,7 +23,7 @@ from piezo_rig.chain.drives import (
 from piezo_rig.chain.half_loops import HalfLoops, half_loops
 from piezo_rig.chain.maxwell import Maxwell
 from piezo_rig.chain.memo import Memo
-from piezo_rig.chain.stage import PLACES, Signal, Stage
+from piezo_rig.chain.stage import PLACES, Reads, Signal, Stage
 from piezo_rig.errors import InputError
 
 FloatArray = NDArray[np.float64]
@@ -111,7 +111,7 @@ class Model:
         free_end: bool = False,
         memo: Memo | None = None,
         earlier: Sequence[FloatArray] = (),
-        reads_um: float | None = None,
+        reads: tuple[Reads, ...] | None = None,
         played: FloatArray | None = None,
     ) -> FloatArray:
         """What the sensor would show of a drive.
@@ -130,8 +130,8 @@ class Model:
         memo : of this drive with this history
         earlier : turning points of the drives that were played before a ``virgin`` one, oldest
             first; they matter to a model with a stage that remembers them
-        reads_um : what an interferometer's own scale reads in the mean over time, where that is
-            not the model's displacement; the same for every call with one ``memo``
+        reads : what is known of the recordings along the drive, where they do not begin where the
+            model does; the same for every call with one ``memo``
         played : shape (R,), cycles that were played before each of the recordings whose mean is
             asked for, none by default; the same for every call with one ``memo``
 
@@ -144,7 +144,7 @@ class Model:
         if history not in ("virgin", "carried", "unknown"):
             raise InputError("history", f"history {history!r} is not virgin, carried or unknown")
         memo = Memo() if memo is None else memo
-        signal, before = memo.begun(lambda: begun(time_s, drive_v, history, reads_um, played))
+        signal, before = memo.begun(lambda: begun(time_s, drive_v, history, reads, played))
         drive = signal.drive_v[before:]
         active = [s for s in self.stages if s.locked_to == "drive"]
         if any(s.units or s.place == "drive" for s in active) and not signal.of_drive.get(

@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass, field
 from threading import Lock
-from typing import Any, ClassVar, TypeVar
+from typing import Any, ClassVar, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,6 +34,22 @@ class Parameter:
     value: float
     unit: str
     ci95: tuple[float, float] | None = None
+
+
+class Reads(NamedTuple):
+    """What is known of one recording's own scale.
+
+    Attributes
+    ----------
+    from_s, to_s : of the drive's time, where its memory is known
+    middle_um : displacement above the first sample, in the mean over that time
+    scale_um : what an interferometer's own scale reads then; None where its zero is the model's
+    """
+
+    from_s: float
+    to_s: float
+    middle_um: float
+    scale_um: float | None = None
 
 
 class Kept:
@@ -63,10 +79,10 @@ class Signal:
     ``drive_v`` is the drive on the actuator, ``displacement_um`` what has become of it so far.
     ``begins`` : shape (k,), samples at which a stretch begins, played by itself: several drives
     are played at once as one signal. ``of_drive`` keeps what stages make of time and drive alone,
-    ``of_displacement`` what they make of the displacement too. ``reads_um`` : shape (k,), what an
-    interferometer's own scale reads in the mean over the time that each stretch is measured; None
-    where its zero is the model's. ``played`` : for each stretch the cycles that were played before
-    it, one number for each recording whose mean it stands for; None where it is the first.
+    ``of_displacement`` what they make of the displacement too. ``reads`` : for each stretch what is
+    known of the recordings along it, in time; None where they begin where the model does.
+    ``played`` : for each stretch the cycles that were played before it, one number for each
+    recording whose mean it stands for; None where it is the first.
     """
 
     time_s: FloatArray
@@ -75,13 +91,13 @@ class Signal:
     begins: NDArray[np.int64] = field(default_factory=lambda: np.zeros(1, np.int64))
     of_drive: Kept = field(default_factory=Kept, repr=False)
     of_displacement: Kept = field(default_factory=Kept, repr=False)
-    reads_um: FloatArray | None = None
+    reads: tuple[tuple[Reads, ...] | None, ...] | None = None
     played: tuple[FloatArray, ...] | None = None
 
     def with_drive(self, drive_v: FloatArray) -> Signal:
         """The signal with another drive."""
         return Signal(
-            self.time_s, drive_v, self.displacement_um, self.begins, reads_um=self.reads_um,
+            self.time_s, drive_v, self.displacement_um, self.begins, reads=self.reads,
             played=self.played,
         )  # fmt: skip
 
@@ -89,7 +105,7 @@ class Signal:
         """The signal with another displacement."""
         return Signal(
             self.time_s, self.drive_v, displacement_um, self.begins, self.of_drive,
-            reads_um=self.reads_um, played=self.played,
+            reads=self.reads, played=self.played,
         )  # fmt: skip
 
     @property
@@ -99,10 +115,10 @@ class Signal:
             return [self]
         known = self.of_drive.get("stretches", lambda: [Kept() for _ in self.begins])
         ends = [*self.begins[1:].tolist(), self.time_s.size]
-        reads, played = self.reads_um, self.played
+        reads, played = self.reads, self.played
         return [
             Signal(self.time_s[a:b], self.drive_v[a:b], self.displacement_um[a:b], of_drive=kept,
-                   reads_um=None if reads is None else reads[k : k + 1],
+                   reads=None if reads is None else reads[k : k + 1],
                    played=None if played is None else played[k : k + 1])
             for k, (a, b, kept) in enumerate(zip(self.begins.tolist(), ends, known, strict=True))
         ]  # fmt: skip

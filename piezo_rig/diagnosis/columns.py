@@ -297,22 +297,19 @@ class Columns:
             # cut-out stretches: the stages after the actuator act on what is left of each
             return np.concatenate(
                 [
-                    dictionary.through(model, self._short(group, a, b, model), columns[:, i:j])
+                    dictionary.through(model, self._short(group, a, b), columns[:, i:j])
                     for (a, b), (i, j) in zip(
                         group.blocks, self.groups.edges(group), strict=True
                     )
                 ],
                 axis=1,
             )
-        return dictionary.through(model, self._short(group, *group.blocks[0], model), columns)
+        return dictionary.through(model, self._short(group, *group.blocks[0]), columns)
 
-    def _short(self, group: Group, begin: int, end: int, model: Model) -> Group:
+    def _short(self, group: Group, begin: int, end: int) -> Group:
         """A stretch of a group at the thinned rate."""
         whole = replace(group, blocks=((begin, end),))
-        if group.reads_um is not None:
-            moved = group.predicted(model)
-            there = float(moved[begin:end].mean() - moved.mean())
-            whole = replace(whole, reads_um=group.reads_um + there)
+        whole = replace(whole, reads=group.reads_between(begin, end))
         thin = self.groups.thinned
         time = thin(whole, group.time_s)
         return replace(

@@ -53,7 +53,7 @@ from piezo_rig.diagnosis.isolability import Workings
 from piezo_rig.diagnosis.levels import levels
 from piezo_rig.diagnosis.memory import give_back
 from piezo_rig.diagnosis.refit import Fitted, refit, settle
-from piezo_rig.diagnosis.scale import at_one_phase
+from piezo_rig.diagnosis.scale import at_one_phase, read_anew
 from piezo_rig.diagnosis.scan import LEVEL
 from piezo_rig.diagnosis.space import Space
 from piezo_rig.diagnosis.unexplained import (
@@ -76,6 +76,7 @@ BENDS = {
     InputBend.id: "springs and sliders follow a drive that is not linear in the volts",
     OutputBend.id: "the displacement is not linear in what springs and sliders add up to",
 }
+READ_ANEW = 2  # times
 EVENTS = ("outliers", "fringe-jump", "dropped-samples")  # nothing foretells them: no gain
 
 
@@ -173,23 +174,33 @@ def _diagnosed(
     if late is not None:
         tell("hum")
         found_early.append(late)
-        clean = late.groups
+        whole = clean = late.groups
         start = refit(plain_space(clean, start.point.model), start.point)
         search = climbed(clean, start.point, rng, tell, tried, reading)
     if hums and search.ladder.steps:
         # hum was fitted to what the baseline left; most of that has an explanation now
         tell("hum once more")
         better, hum = search.ladder.last.point.model, found_early.pop()
-        clean = found_early[-1].groups if found_early else raw
-        again = hum_again(clean, hum, better, SHARE * LEVEL, count)
+        whole = found_early[-1].groups if found_early else raw
+        again = hum_again(whole, hum, better, SHARE * LEVEL, count)
         if again is not None:
             found_early.append(again)
-            clean = again.groups
-        clean = at_one_phase(clean, better.without(PERIODIC))
+            whole = again.groups
+        clean = at_one_phase(whole, better.without(PERIODIC))
         start = refit(plain_space(clean, start.point.model), start.point)
         search = climbed(clean, start.point, rng, tell, tried, reading)
     if search.turned or turn_between(search.space, search.ladder.last):
         return turned_between(search)
+    for _ in range(READ_ANEW):
+        # phases were read beside all that the baseline leaves; most of that is explained now
+        better = search.ladder.last.point.model
+        if better.stage(PERIODIC) is None:
+            break
+        anew = read_anew(whole, search.space.groups, better.without(PERIODIC))
+        if anew is None:
+            break
+        tell("where recordings stand on the interferometer's scale")
+        clean, search = anew, climbed(anew, start.point, rng, tell, tried, reading)
     stages = [(f.cause, f.groups) for f in found_early]
     clean = _on_the_scale_of(search.space.groups, clean)
     space, ladder, kind, floor = search.space, search.ladder, search.kind, search.floor_nm
@@ -301,10 +312,10 @@ def _diagnosed(
 
 def _on_the_scale_of(known: Groups, groups: Groups) -> Groups:
     """The same groups, beginning where others of the same drives do on the sensor's own scale."""
-    if all(g.reads_um is None for g in known.groups):
+    if all(g.reads is None for g in known.groups):
         return groups
     return groups.with_([
-        replace(g, reads_um=k.reads_um)
+        replace(g, reads=k.reads)
         for g, k in zip(groups.groups, known.groups, strict=True)
     ])  # fmt: skip
 

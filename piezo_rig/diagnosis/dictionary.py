@@ -103,9 +103,9 @@ def through(model: Model, group: Group, columns: FloatArray) -> FloatArray:
     base = model.with_(stages=tuple(s for s in model.stages if s not in stages))
     moved = base.simulate(group.time_s, group.drive_v, group.history)
 
-    reads = None if group.reads_um is None else np.array([group.reads_um])
+    reads = None if group.reads is None else (group.reads,)
     played = None if group.played is None else (group.played,)
-    signal = Signal(group.time_s, group.drive_v, moved, reads_um=reads, played=played)
+    signal = Signal(group.time_s, group.drive_v, moved, reads=reads, played=played)
     for stage in stages:
         columns = stage.carry(signal, columns)
         signal = stage.act(signal)

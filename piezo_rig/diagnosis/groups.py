@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from piezo_rig.causes.cause import added_by
-from piezo_rig.chain import HalfLoops, Memo, Model
+from piezo_rig.chain import HalfLoops, Memo, Model, Reads
 from piezo_rig.diagnosis.between import Denser, denser
 from piezo_rig.diagnosis.cells import Cells, Ranges, cells_of
 
@@ -43,7 +43,7 @@ class Group:
         first; empty where the history is not known
     after : for every recording which of those it was played after; empty where they were made alike
     fine : ranges of samples that are not thinned
-    reads_um : what the interferometer's own scale reads in the mean over time; None: the model's
+    reads : of its recordings, one behind the other; None where they begin where the model does
     played : shape (R,), cycles of the session before each recording; None where nobody knows
     alike : whether the recordings were made as if played after the mean of what they were
     denser : the drive with turning points between samples, where it has any
@@ -62,7 +62,7 @@ class Group:
     after: tuple[int, ...] = ()
     fine: Ranges = ()
     begun_s: float = 0.0
-    reads_um: float | None = None
+    reads: tuple[Reads, ...] | None = None
     played: FloatArray | None = None
     alike: bool = False
     denser: Denser | None = None
@@ -92,7 +92,7 @@ class Group:
                 moved += share * self._after(model, k)
         else:
             moved = self._simulated(
-                model, memo=self.memo, reads_um=self.reads_um, played=self.played
+                model, memo=self.memo, reads=self.reads, played=self.played
             )
         if any(s.locked_to == "clock" for s in model.stages):
             moved = moved + self.by_the_clock(model)
@@ -146,7 +146,7 @@ class Group:
         after = self.after or (0,) * self.repeats
         return np.array([
             self._simulated(
-                model, memo=self.memos.setdefault(-1 - row, Memo()), reads_um=self.reads_um,
+                model, memo=self.memos.setdefault(-1 - row, Memo()), reads=self.reads,
                 earlier=self.earlier[after[row]][1] if self.earlier else (),
                 played=self.played[row : row + 1],
             ) for row in range(self.repeats)
@@ -205,14 +205,28 @@ class Group:
         count = max(count, min(before + 2, len(loops)))
         end = min(int(loops.stop[count - 1]) + 1, self.drive_v.size) if len(loops) else samples
         time, drive = self.time_s[:end], self.drive_v[:end]
-        reads, measured = self.reads_um, self.measured_um
-        if reads is not None:
-            reads += float(measured[:, :end].mean() - measured.mean())
         return replace(
             self, time_s=time, drive_v=drive, denser=self.denser and self.denser.before(time[-1]),
-            measured_um=measured[:, :end], loops=loops.first(count), reads_um=reads,
+            measured_um=self.measured_um[:, :end], loops=loops.first(count),
+            reads=self.reads_between(0, end),
             blocks=tuple((a, min(b, end)) for a, b in self.blocks if min(b, end) - a >= 8),
         )  # fmt: skip
+
+    def reads_between(self, begin: int, end: int) -> tuple[Reads, ...] | None:
+        """What is known of the recordings along samples begin..end of the drive."""
+        if self.reads is None:
+            return None
+        out, mean = list[Reads](), self.measured_um.mean(axis=0)
+        for r in self.reads:
+            a, b = np.searchsorted(self.time_s, [r.from_s - 1e-9, r.to_s - 1e-9])
+            i, j = max(int(a), begin), min(int(b), end)
+            if i >= j:
+                continue
+            off = float(mean[i:j].mean() - mean[a:b].mean())
+            scale = None if r.scale_um is None else r.scale_um + off
+            to_s = r.to_s if j == b else float(self.time_s[j - 1]) + 1e-8
+            out.append(Reads(float(self.time_s[i]), to_s, r.middle_um + off, scale))
+        return tuple(out) or None
 
     def with_measured(self, measured_um: FloatArray) -> Group:
         return replace(self, measured_um=measured_um)

@@ -1,10 +1,14 @@
-"""Where on the interferometer's scale recordings begin.
+"""Where recordings begin: on the sensor's own scale, and on that of the interferometer.
 
-A periodic error follows the scale, and so must a model of it. What an actuator brought along from
-before is not in its model, nor what drifted between two recordings, and some 150 nm of either turn
-the error round: every recording has a phase of its own. It is read off the ripple itself, where
-there is one: against displacement, beside its neighbouring wavelengths. Recordings of one drive at
-different phases are turned to that of the first: their mean would hold no ripple.
+A recording of unknown history begins elsewhere than a model of it, and counts from there: where
+it stands is told by its mean over the time that its memory is known (`chain.placed`).
+
+A periodic error follows the interferometer's scale, and so must a model of it. What an actuator
+brought along from before is not in its model, nor what drifted between two recordings, and some
+150 nm of either turn the error round: every recording has a phase of its own. It is read off the
+ripple itself, where there is one: against displacement, beside its neighbouring wavelengths.
+Recordings of one drive at different phases are turned to that of the first: their mean would hold
+no ripple.
 """
 
 from __future__ import annotations
@@ -16,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from piezo_rig.causes.periodic_nonlinearity import HALF_WAVE_UM
-from piezo_rig.chain import Model
+from piezo_rig.chain import Model, Reads
 from piezo_rig.diagnosis.chances import chi2_above
 from piezo_rig.diagnosis.groups import Group, Groups
 
@@ -28,13 +32,16 @@ WAVES = 4.0  # periods that a recording must pass
 SEEN = 1e-5  # chance of such a ripple, or of phases that differ so much
 TURN_UM = 2.0 * np.pi / HALF_WAVE_UM  # radians in a micrometre
 TURNS = 3
+ANEW = 0.05  # radians, by which phases must have moved
+INSIDE_S = 1e-8
+STILL, STILL_V = 200, 1e-3  # samples; volts
 SAME_V = 0.02  # between drives that come again
 
 
 @dataclass(frozen=True)
 class _Ripple:
-    """Of one recording: complex amplitude, um, over its displacement from where it is in the mean
-    over time; that mean from its first sample, um; the power of neighbouring wavelengths, um2.
+    """Of one block of one recording: complex amplitude, um, over its displacement from the mean
+    there; that mean from its first sample, um; the power of neighbouring wavelengths, um2.
     """
 
     amplitude: complex
@@ -53,33 +60,66 @@ class _Ripple:
 
 
 def on_one_scale(groups: Groups, model: Model) -> Groups:
-    """The groups with what the scale reads where they are recorded; as they are where no ripple
-    says so.
+    """The groups with what is known of where their recordings stand; as they are where all begin
+    virgin, and no ripple tells them apart.
 
-    Virgin recordings begin at the same reading, unless their phases plainly differ.
-
-    ``model`` : fitted to them
+    ``model`` : fitted to them; not asked where that is known already
     """
-    found = [_ripple(g, model, g.measured_um.mean(axis=0)) for g in groups.groups]
+    if any(g.reads is not None for g in groups.groups):
+        return groups
+    means = [g.measured_um.mean(axis=0) for g in groups.groups]
+    found = [
+        [_ripple(g, model, mean, k) for k in range(len(g.blocks))]
+        for g, mean in zip(groups.groups, means, strict=True)
+    ]
     virgins = [
         replace(r, amplitude=r.from_first)
-        for g, r in zip(groups.groups, found, strict=True) if r is not None and g.virgin
+        for g, own in zip(groups.groups, found, strict=True) if g.virgin
+        for r in own if r is not None
     ]  # fmt: skip
     alike = not _differ([virgins])
     if alike and all(g.virgin for g in groups.groups):
         return groups
-    seen = [r for r in found if r is not None]
-    if not seen or not _unlikely([r.ratio for r in seen]):
-        return groups
+    seen = [r.ratio for own in found for r in own if r is not None]
+    told = bool(seen) and _unlikely(seen)
     begun = float(np.angle(sum(r.amplitude for r in virgins))) if virgins else 0.0
     out = []
-    for g, r in zip(groups.groups, found, strict=True):
-        if g.virgin and (alike or r is None):
-            reads = begun / TURN_UM + _middle_um(g.measured_um.mean(axis=0))
-        else:
-            reads = float(np.angle(r.amplitude)) / TURN_UM if r is not None else 0.0
-        out.append(replace(g, reads_um=reads))
+    for g, own, mean in zip(groups.groups, found, means, strict=True):
+        reads = []
+        for (a, b), r in zip(g.blocks, own, strict=True):
+            middle = _middle_um(g, mean, a, b)
+            scale = None
+            if told and g.virgin and (alike or r is None):
+                scale = begun / TURN_UM + middle
+            elif told:
+                scale = float(np.angle(r.amplitude)) / TURN_UM if r is not None else 0.0
+            to_s = float(g.time_s[b - 1]) + INSIDE_S
+            reads.append(Reads(float(g.time_s[a]), to_s, middle, scale))
+        out.append(g if g.virgin and not told else replace(g, reads=tuple(reads)))
     return groups.with_(out)
+
+
+def read_anew(
+    whole: Groups, known: Groups, model: Model
+) -> Groups | None:
+    """The groups on one scale, and at one phase, as a better model tells; None where that is as it
+    was known.
+
+    Parameters
+    ----------
+    whole : as they were recorded
+    known : with their places, as a poorer model told them
+    model : that leaves the ripple, and as little else as can be
+    """
+    out = on_one_scale(at_one_phase(whole, model), model)
+    off = []
+    for before, after in zip(known.groups, out.groups, strict=True):
+        for r, s in zip(before.reads or (), after.reads or (), strict=False):
+            if r.scale_um is not None and s.scale_um is not None:
+                off.append((s.scale_um - s.middle_um) - (r.scale_um - r.middle_um))
+    turned = np.exp(1j * TURN_UM * np.array(off))
+    apart = np.angle(turned * np.conj(turned.mean())) if off else np.zeros(1)
+    return out if float(np.abs(apart).max()) > ANEW else None
 
 
 def at_one_phase(groups: Groups, model: Model) -> Groups:
@@ -88,37 +128,52 @@ def at_one_phase(groups: Groups, model: Model) -> Groups:
 
     ``model`` : fitted to them
     """
-    each = [[_ripple(g, model, row) for row in g.measured_um] for g in groups.groups]
-    seen = [[r for r in rows if r is not None] for rows in each]
-    if not _differ(seen):
+    each = [
+        [[_ripple(g, model, row, k) for row in g.measured_um] for k in range(len(g.blocks))]
+        for g in groups.groups
+    ]
+    if not _differ([[r for r in rows if r is not None] for own in each for rows in own]):
         return groups
-    rate = _drifts(groups)
-    return groups.with_([
-        _turned(g, [r for r in rows if r is not None], rate) if all(rows) else g
-        for g, rows in zip(groups.groups, each, strict=True)
-    ])  # fmt: skip
+    rate, out = _drifts(groups), []
+    for g, own in zip(groups.groups, each, strict=True):
+        measured = g.measured_um.copy()
+        for (a, b), rows in zip(g.blocks, own, strict=True):
+            if all(rows):
+                begin = 0 if a == g.blocks[0][0] else a
+                cut = slice(begin, b)
+                measured[:, cut] = _turned(
+                    g.measured_um[:, cut], rate * g.time_s[cut], a - begin,
+                    [r for r in rows if r is not None],
+                )  # fmt: skip
+        out.append(g.with_measured(measured))
+    return groups.with_(out)
 
 
-def _turned(group: Group, ripples: Sequence[_Ripple], rate: float) -> Group:
-    """Every recording with its own ripple taken off and the first one's put in, one size for all.
+def _turned(
+    rows: FloatArray, drifted: FloatArray, known: int, ripples: Sequence[_Ripple]
+) -> FloatArray:
+    """Every recording (r, n) with its own ripple taken off and the first one's put in, one size
+    for all.
 
-    The ripple taken off is over what the recording reads, which moves with what drifts meanwhile,
-    at so many um/s; the one put in is not.
+    The ripple taken off is over what the recording reads, which moves with what drifts meanwhile;
+    the one put in is not.
+
+    ``known`` : sample from which on the memory is known
     """
-    rows, size = group.measured_um, float(np.mean([abs(r.amplitude) for r in ripples]))
-    drifted = rate * (group.time_s - float(np.mean(group.time_s)))
+    size = float(np.mean([abs(r.amplitude) for r in ripples]))
+    drifted = drifted - drifted[known:].mean()
 
     def error(at_um: FloatArray, ripple: _Ripple) -> FloatArray:
         return np.asarray(size * np.cos(TURN_UM * at_um + np.angle(ripple.amplitude)))
 
     out = []
     for row, own in zip(rows, ripples, strict=True):
-        seen = row - row.mean()
+        seen = row - row[known:].mean()
         reads = seen
         for _ in range(TURNS):  # what is read has the error in it
             reads = seen - error(reads, own)
         out.append(row - error(reads, own) + error(reads - drifted, ripples[0]))
-    return group.with_measured(np.array(out))
+    return np.array(out)
 
 
 def _drifts(groups: Groups) -> float:
@@ -158,13 +213,11 @@ def _unlikely(ratios: Sequence[float]) -> bool:
     return bool(chi2_above(2.0 * float(score), 2.0 * len(ratios)) < SEEN)
 
 
-def _ripple(group: Group, model: Model, measured_um: FloatArray) -> _Ripple | None:
-    """The ripple of a recording (n,) over the longest stretch of a drive; None where too few
-    periods are passed.
-    """
-    a, b = _longest(group)
-    middle = _middle_um(measured_um)
-    seen = measured_um[a:b] - float(measured_um[0]) - middle
+def _ripple(group: Group, model: Model, measured_um: FloatArray, k: int) -> _Ripple | None:
+    """The ripple of the k-th block of a recording (n,); None where too few periods are passed."""
+    a, b = group.blocks[k]
+    middle = _middle_um(group, measured_um, a, b)
+    seen = measured_um[a:b] - float(measured_um[a:b].mean())
     off = seen - group.predicted(model)[a:b]
     low, travel = float(seen.min()), float(np.ptp(seen))
     if travel < WAVES * HALF_WAVE_UM:
@@ -181,9 +234,13 @@ def _ripple(group: Group, model: Model, measured_um: FloatArray) -> _Ripple | No
     return _Ripple(complex(lines[0]), middle, level)
 
 
-def _middle_um(measured_um: FloatArray) -> float:
-    """Mean over time of a recording (n,), from its first sample."""
-    return float(measured_um.mean() - measured_um[0])
+def _middle_um(group: Group, measured_um: FloatArray, a: int, b: int) -> float:
+    """Mean of a block of a recording (n,) from where that begins, while the drive stands still."""
+    begin = 0 if a == group.blocks[0][0] else a
+    drive = group.drive_v[begin : begin + STILL]
+    moved = np.abs(drive - drive[0]) > STILL_V
+    still = int(np.argmax(moved)) if moved.any() else drive.size
+    return float(measured_um[a:b].mean() - measured_um[begin : begin + max(still, 1)].mean())
 
 
 def _longest(group: Group) -> tuple[int, int]:

@@ -41,11 +41,11 @@ class Together:
     @classmethod
     def of(cls, groups: Groups) -> Together:
         each = [groups.short(g) for g in groups.groups]
-        reads = [s.group.reads_um for s in each]
+        reads = [s.group.reads for s in each]
         played = [s.group.played for s in each if s.group.played is not None]
         drives = Drives.of(
             [(s.group.time_s, s.group.drive_v, s.group.history) for s in each],
-            None if None in reads else [r for r in reads if r is not None],
+            None if all(r is None for r in reads) else reads,
             played if len(played) == len(each) else None,
         )
         sizes = [s.inside.size for s in each]

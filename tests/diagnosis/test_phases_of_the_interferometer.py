@@ -88,11 +88,11 @@ def test_where_recordings_of_unknown_history_begin_is_read_off_the_ripple():
     """The reading is that in the mean over time, and no model's beginning is in it."""
     sweeps = session(history="unknown", begins_um=BEFORE_UM)
     groups, model = fitted(sweeps)
-    read = [g.reads_um for g in on_one_scale(groups, model).groups]
-    true = [
-        play(drive(*ends), LIMITS, SHARE).mean() + begins
-        for ends, begins in zip(ENDS, BEFORE_UM, strict=True)
-    ]
+    read, true = [], []
+    for g, ends, begins in zip(on_one_scale(groups, model).groups, ENDS, BEFORE_UM, strict=True):
+        a, b = g.blocks[0]
+        read.append(g.reads[0].scale_um)
+        true.append(play(drive(*ends), LIMITS, SHARE)[a:b].mean() + begins)
     off = np.array(read) - true
     apart = (off - off[0] + 0.5 * HALF_WAVE_UM) % HALF_WAVE_UM - 0.5 * HALF_WAVE_UM
     assert np.abs(apart).max() < 0.004  # a hundredth of a period
