@@ -41,6 +41,7 @@ SLACK = 0.1  # of a step or sample, for what the model does not know
 LONG, WIDE = 0.03, 0.2  # shares by which the way may be wrong, and a first count
 AGAIN = 2  # times that place and count are looked for in turn
 MANY, LEAST = 10, 40  # samples that are lost; that must be left to count them
+ENOUGH = 12  # samples to either side, that say how large a jump is
 BESIDE = 4  # samples: so near to each other losses of two recordings are none
 NEAR_S = 0.3, 0.03
 FEWER = 4  # counts that are tried
@@ -351,6 +352,10 @@ def _exactly(search: Search, peak: Peak, mixed: bool) -> tuple[float, Break | No
                 break
         if counted is None:
             return None
+        if peak.cause == JUMP and within_s > NEAR_S[-1]:
+            # what lies next to it says what it is, all else what it adds up to with others
+            here = _counted(search, stretch, white, peak, at, count, NEAR_S[-1])
+            counted = here if here is not None and here[0] != counted[0] else counted
         if np.isfinite(within_s) and mixed and peak.cause == JUMP:
             speed = float(np.gradient(model[at - 1 : at + 2])[1])
             missing = round(count * STEP_UM / speed) if speed else 0
@@ -400,7 +405,7 @@ def _counted(
     within = within_s * search.groups.rate
     if peak.cause == DROP and abs(count) > MANY:  # where it goes on at the end nobody has seen
         within = min(within, stretch.end - at - abs(count) - wide)
-    if within < LEAST:
+    if within < (LEAST if peak.cause == DROP else ENOUGH):
         return None
     near = white.near(at, within)
     seen = near(search.own(stretch, peak.row))

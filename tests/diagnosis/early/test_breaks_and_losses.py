@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,8 +14,8 @@ from small_bench import actuator, noise, recordings
 
 from piezo_rig.chain import Elements, Maxwell, Model
 from piezo_rig.diagnosis import diagnose
-from piezo_rig.diagnosis.early.breaks import find_breaks
-from piezo_rig.diagnosis.early.mended import mended
+from piezo_rig.diagnosis.early.breaks import _at_once, find_breaks
+from piezo_rig.diagnosis.early.mended import Break, mended
 from piezo_rig.diagnosis.early.peaks import Search
 from piezo_rig.diagnosis.early.reported import events_of, reported
 from piezo_rig.diagnosis.grouping import group_tracks
@@ -242,6 +243,28 @@ def test_a_jump_after_another_one_is_no_loss_of_many_samples():
     (finding,) = diagnose(sweeps).findings
     assert finding.cause == "fringe-jump"
     assert sorted(e.index for e in finding.events) == sorted(jumps)
+
+
+@pytest.mark.parametrize("kind", ["white", "ar"])
+def test_two_jumps_within_a_few_hundredths_of_a_second_are_two(kind):
+    """What the second adds up to with the first is no whole number of its own."""
+    sweeps = recordings(kind=kind)
+    sweeps[6] = with_jump(with_jump(sweeps[6], 1150, 1), 1245, -4)
+    groups, breaks = searched(sweeps)
+    assert said(groups, breaks) == [(6, "fringe-jump", 1150, 1), (6, "fringe-jump", 1245, -4)]
+
+
+def test_losses_at_one_sample_are_one_loss():
+    loss = Break("dropped-samples", 0, 1, 700, 1, 698, 702, 2000, 1e-20)
+    jump = replace(loss, cause="fringe-jump")
+    other = replace(loss, row=0)
+    together = _at_once([loss, jump, replace(loss, count=2, p_value=1e-9), other])
+    assert together == [replace(loss, count=3), jump, other]
+
+
+def test_jumps_that_undo_each_other_at_one_sample_are_none():
+    jump = Break("fringe-jump", 0, 1, 700, 2, 698, 702, 2000, 1e-20)
+    assert _at_once([jump, replace(jump, count=-2)]) == []
 
 
 def test_what_gains_nothing_is_chance():

@@ -5,8 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from piezo_rig.diagnosis.early import find_line
+from piezo_rig.causes import named_model
+from piezo_rig.chain import Parameter
+from piezo_rig.diagnosis.early import Early, find_line, hum_again
+from piezo_rig.diagnosis.early.hum import find_hum
+from piezo_rig.diagnosis.engine import plain_space
+from piezo_rig.diagnosis.fit import Point, starting_model
 from piezo_rig.diagnosis.grouping import group_tracks
+from piezo_rig.diagnosis.refit import refit
 from piezo_rig.identification import prepare
 from piezo_rig.studies.hidden import draw
 
@@ -33,3 +39,22 @@ def test_the_floor_is_heard_beside_recordings_that_are_too_short_for_it(protocol
 def test_nothing_is_heard_where_nothing_is():
     for protocol, seed in (("matrix", 725), ("rates", 725), ("holds", 4007), ("holds", 4013)):
         assert heard("null", protocol, seed)[1].p_value > 1e-3
+
+
+@pytest.mark.parametrize("kind", ["mains-hum", "null"])
+def test_a_hum_is_heard_again_beside_a_better_model_or_is_none(kind):
+    """What a poor baseline leaves has lines at all harmonics of the drive, 50 Hz among them."""
+    case = draw(kind, 31, "rates", "white", 60.0, 2)
+    groups = group_tracks(prepare(case.sweeps, first_rises=True, clipped=True), case.sweeps)
+    model = Point(starting_model(groups, named_model("classical"), "classical"))
+    model = refit(plain_space(groups, model.model), model).point.model
+    told = {"frequency": Parameter(50.0, "Hz", (49.99, 50.01)),
+            "amplitude": Parameter(3.0, "nm", (2.9, 3.1))}  # fmt: skip
+    if kind == "mains-hum":
+        f = find_hum(groups, model).frequency
+        told["frequency"] = Parameter(f, "Hz", (f - 0.01, f + 0.01))
+    again = hum_again(groups, Early("mains-hum", 1e-20, told, groups), model, 2e-3, 24)
+    assert (again is None) == (kind == "null")
+    if again is not None:
+        assert again.groups is not groups
+        assert again.parameters["amplitude"].ci95[0] > 0.0

@@ -127,3 +127,42 @@ def test_damage_to_a_first_rise_does_not_make_it_another():
 def test_what_is_said_to_be_virgin_is_taken_at_its_word():
     sweeps = [s.with_(history="virgin") for s in ridden(walk, 68.0)]
     assert rises(sweeps) == ([True, True], [True, True])
+
+
+@pytest.mark.parametrize("number", [1, 2])
+def test_a_memory_of_all_is_none_although_what_follows_does_not_fit(number):
+    """Lost samples spoil the baseline; the beginning is that of later rises all the same."""
+    sweeps = ridden(walk, 70.0)
+    for k, sweep in enumerate(sweeps):
+        moved = np.delete(sweep.displacement_um, slice(5500, 5500 + 4 * number))
+        moved = np.append(moved, np.full(4 * number, moved[-1]))
+        sweeps[k] = sweep.with_(sensor_v=moved)
+    before, after = rises(sweeps)
+    assert any(before)
+    assert not any(after)
+
+
+def begun_after(excursions_v: tuple[float, ...]) -> list[Sweep]:
+    """One drive again and again, after excursions that differ, each before one of them."""
+    out, start = [], 0.0
+    volts = np.concatenate([np.zeros(100), triangle(0)[2000:][::-1], triangle(0)])
+    for repeat, excursion_v in enumerate(excursions_v, 1):
+        up = np.linspace(0.0, excursion_v, 300)
+        moved = moved_by(np.concatenate([up, up[::-1], volts]), 0.0)[-volts.size :]
+        noise = NOISE_UM * np.random.default_rng(repeat).standard_normal(volts.size)
+        out.append(Sweep(
+            f"sweep_{repeat:04d}", volts, moved - moved[0] + noise, RATE, 1.0, 0.0, 1.0, 1, 0.0,
+            "0-80", repeat, "unknown", start, "IMPORTED",
+        ))  # fmt: skip
+        start += 30.0
+    return out
+
+
+@pytest.mark.parametrize("excursions_v", [(72.0, 80.0), (60.0, 80.0), (20.0, 80.0, 80.0)])
+def test_repeats_that_begin_with_another_memory_have_neither_jumped_nor_lost_anything(
+    excursions_v,
+):
+    """They part slowly, by some multiple of 79.1 nm or of a sample's way, and stay apart."""
+    found = diagnose(begun_after(excursions_v))
+    assert found.findings == []
+    assert not found.unexplained.detected
