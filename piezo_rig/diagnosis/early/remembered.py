@@ -36,6 +36,7 @@ NEARLY_ALL, HARDLY_ANY = 0.9, 0.1  # of all that is played; of the misfit of a v
 APART = 3.0  # times what repeats differ by further on
 SUDDEN = 0.3  # of the whole difference, within four samples: damage
 REMEMBERS = "as after an earlier excursion that was not recorded"
+AMONG = "it comes after others, most of which begin with a memory"
 UNLIKE = "a repeat of it begins otherwise and goes on alike"
 WORSE = 2.0  # misfit of a virgin beginning, of that
 
@@ -51,6 +52,12 @@ def without_remembered(data: Data, sweeps: Sequence[Sweep], point: Point) -> Dat
         sweeps[t.sweeps[0]].name: UNLIKE for t in guessed
         if any(_differs(t, o) for o in data.tracks if not o.virgin and same_drive(t, o, sweeps))
     }
+    begun = min((s.start_time for s in sweeps), default=0.0)
+    if 2 * len(guessed) < len(data.tracks):  # a fast first cycle may leave a lagging drive behind
+        unlike |= {
+            s.name: AMONG for t in guessed
+            if (s := sweeps[t.sweeps[0]]).start_time > begun and s.name not in unlike
+        }  # fmt: skip
     if unlike:
         data = prepare(sweeps, first_rises=True, clipped=True, not_from_rest=unlike)
         guessed = [t for t in guessed if sweeps[t.sweeps[0]].name not in unlike]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -140,6 +142,20 @@ def test_a_memory_of_all_is_none_although_what_follows_does_not_fit(number):
     before, after = rises(sweeps)
     assert any(before)
     assert not any(after)
+
+
+@pytest.mark.parametrize("place", [0, 3])
+def test_only_the_first_of_a_session_begins_at_rest_where_the_others_do_not(place):
+    """As a later one may seem to, whose drive lags and never comes back to where it began."""
+    sweeps = [s for k in range(4) for s in ridden(triangle, 80.0)[:1]]
+    volts = triangle(2)
+    sweeps.insert(place, recording(9, volts, moved_by(volts, 0.0)))
+    sweeps = [
+        replace(s, name=f"sweep_{k + 1:04d}", start_time=20.0 * k) for k, s in enumerate(sweeps)
+    ]
+    before, after = rises(sweeps)
+    assert before == [k == place for k in range(5)]
+    assert after == [k == place == 0 for k in range(5)]
 
 
 def begun_after(excursions_v: tuple[float, ...]) -> list[Sweep]:
