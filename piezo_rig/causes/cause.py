@@ -175,6 +175,10 @@ class Cause(Stage):
         """`law` of these numbers."""
         return self.law
 
+    def late_s(self, um_per_v: float) -> float:
+        """Seconds by which it delays a steady motion; infinite for what is no delay."""
+        return abs(self[self.lasting]) if self.lasting else np.inf
+
     @property
     def as_late_s(self) -> float:
         """How long a delay may be, s, that is no more than what its law leaves open."""

@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 
 from piezo_rig.causes import CAUSES
 from piezo_rig.causes.cause import Cause, FirstSpring
-from piezo_rig.chain import Model
 from piezo_rig.diagnosis.abreast import abreast
 from piezo_rig.diagnosis.bends import BEND, bend, with_own_bend
 from piezo_rig.diagnosis.confusion import strengths
@@ -403,8 +402,9 @@ class Search:
     def of_a_law(self, fitted: Fitted, id: str) -> str | None:
         """Why a small effect is refused beside a large one whose law is only assumed."""
         kind, model = CAUSES[id], fitted.point.model
-        if issubclass(kind, Cause) and kind.lasting:
-            late_s = abs(_number(model, id, kind.lasting))
+        own, groups = model.stage(id), self.space.groups
+        if isinstance(own, Cause):
+            late_s = own.late_s(groups.travel_um / groups.span_v)
             for stage in model.stages:
                 if isinstance(stage, Cause) and late_s < stage.as_late_s:
                     return f"no longer than what {stage.id} leaves open by how fast it begins"
@@ -444,11 +444,6 @@ class Search:
         if not self.rearranged or not self.steps:
             return self.steps
         return one_by_one(self.space, self.steps, self.tell)
-
-
-def _number(model: Model, id: str, name: str) -> float:
-    stage = model.stage(id)
-    return 0.0 if stage is None else stage[name]
 
 
 def _slow(id: str) -> bool:

@@ -52,12 +52,7 @@ def without_remembered(data: Data, sweeps: Sequence[Sweep], point: Point) -> Dat
         sweeps[t.sweeps[0]].name: UNLIKE for t in guessed
         if any(_differs(t, o) for o in data.tracks if not o.virgin and same_drive(t, o, sweeps))
     }
-    begun = min((s.start_time for s in sweeps), default=0.0)
-    if 2 * len(guessed) < len(data.tracks):  # a fast first cycle may leave a lagging drive behind
-        unlike |= {
-            s.name: AMONG for t in guessed
-            if (s := sweeps[t.sweeps[0]]).start_time > begun and s.name not in unlike
-        }  # fmt: skip
+    unlike |= _among(data, sweeps, [t for t in guessed if sweeps[t.sweeps[0]].name not in unlike])
     if unlike:
         data = prepare(sweeps, first_rises=True, clipped=True, not_from_rest=unlike)
         guessed = [t for t in guessed if sweeps[t.sweeps[0]].name not in unlike]
@@ -79,7 +74,22 @@ def without_remembered(data: Data, sweeps: Sequence[Sweep], point: Point) -> Dat
     }
     if not kept:
         return data
+    left = [t for t in guessed if sweeps[t.sweeps[0]].name not in kept]
+    unlike |= _among(data, sweeps, left)
     return prepare(sweeps, first_rises=True, clipped=True, not_from_rest=unlike | kept)
+
+
+def _among(data: Data, sweeps: Sequence[Sweep], guessed: Sequence[Track]) -> dict[str, str]:
+    """Those that are taken for first rises where most recordings begin with a memory, but for the
+    first of a session, with what says so.
+
+    A drive that lags, or an actuator that creeps, leaves something behind in its first cycle too.
+    """
+    if 2 * len(guessed) >= len(data.tracks):
+        return {}
+    begun = min(s.start_time for s in sweeps)
+    members = [sweeps[t.sweeps[0]] for t in guessed]
+    return {s.name: AMONG for s in members if s.start_time > begun}
 
 
 def _differs(track: Track, repeat: Track) -> bool:
