@@ -316,8 +316,12 @@ def _exact(search: Search, peak: Peak, mixed: bool) -> tuple[float, Break | None
 
     ``mixed`` : samples may be lost there too, which look like a jump for a while
     """
-    for count in range(peak.count, max(peak.count - FEWER, 0), -1) if peak.cause == DROP else (0,):
-        found = _exactly(search, replace(peak, count=count or peak.count), mixed)
+    counts = list(range(peak.count, max(peak.count - FEWER, 0), -1))
+    if peak.cause == JUMP:  # several add up to a mean of them, far from each
+        one = 1 if peak.count > 0 else -1
+        counts = [c for c in (peak.count, peak.count - one, peak.count + one) if c]
+    for count in counts:
+        found = _exactly(search, replace(peak, count=count), mixed)
         if found is not None:
             return found
     return None
