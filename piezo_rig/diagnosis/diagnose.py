@@ -201,6 +201,8 @@ def _diagnosed(
             break
         tell("where recordings stand on the interferometer's scale")
         clean, search = anew, climbed(anew, start.point, rng, tell, tried, reading)
+        if search.turned:
+            return turned_between(search)
     stages = [(f.cause, f.groups) for f in found_early]
     clean = _on_the_scale_of(search.space.groups, clean)
     space, ladder, kind, floor = search.space, search.ladder, search.kind, search.floor_nm
