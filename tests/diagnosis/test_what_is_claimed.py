@@ -42,17 +42,23 @@ def test_a_creep_that_begins_at_1_ms_and_not_at_10_is_late_by_what_it_adds():
     assert CAUSES["creep"].of(None, rate_per_decade=0.02).as_late_s == pytest.approx(late, rel=0.05)
 
 
-@pytest.mark.parametrize(("cause", "name"), [("time-skew", "delay"), ("amplifier-lag", "tau")])
+@pytest.mark.parametrize(("cause", "name", "others"), [
+    ("time-skew", "delay", {}), ("amplifier-lag", "tau", {}),
+    # 10 um over 80 V are 37.5 um/s at 300 V/s
+    ("rate-dependence", "lag_um", {"exponent": 0.9}),
+])  # fmt: skip
 @pytest.mark.parametrize(("seconds", "rate", "refused"), [
     (3e-5, 0.012, True), (8e-5, 0.012, False), (8e-5, 0.03, True), (3e-5, None, False),
 ])  # fmt: skip
 def test_a_delay_is_no_finding_that_the_law_of_a_creep_leaves_open(
-    cause, name, seconds, rate, refused
+    cause, name, others, seconds, rate, refused
 ):
     model = Model((Maxwell.of(TABLE),), {}, "")
-    model = model.with_stage(CAUSES[cause].of(None, **{name: seconds}))
+    size = 37.5 * seconds if name == "lag_um" else seconds
+    model = model.with_stage(CAUSES[cause].of(None, **{name: size}, **others))
     if rate is not None:
         model = model.with_stage(CAUSES["creep"].of(None, rate_per_decade=rate))
-    search = Search(None, None, np.random.default_rng(0), print, [], 1.0, 0, lambda a, b: True)
+    space = SimpleNamespace(groups=SimpleNamespace(travel_um=10.0, span_v=80.0))
+    search = Search(space, None, np.random.default_rng(0), print, [], 1.0, 0, lambda a, b: True)
     why = search.of_a_law(SimpleNamespace(point=SimpleNamespace(model=model)), cause)
     assert (why is not None and "creep" in why) == refused
