@@ -26,12 +26,11 @@ class Placed:
     ----------
     begins : shape (m,), first sample of each
     weights : shape (n,), of every sample in the mean of its recording
-    middle_um, scale_um : shape (m,), see `Reads`; NaN where nothing is known
+    scale_um : shape (m,), see `Reads`; NaN where nothing is known
     """
 
     begins: NDArray[np.int64]
     weights: FloatArray
-    middle_um: FloatArray
     scale_um: FloatArray
 
     @classmethod
@@ -54,12 +53,8 @@ class Placed:
                 if own is not None:
                     i, j = a + _at(time[a:b], own.from_s), a + _at(time[a:b], own.to_s)
                     weights[i:j] = _over_time(time[i:j])
-        nothing = Reads(0.0, 0.0, np.nan)
-        told = [own or nothing for own in known]
-        return cls(
-            np.array(begins), weights, np.array([r.middle_um for r in told]),
-            np.array([np.nan if r.scale_um is None else r.scale_um for r in told]),
-        )  # fmt: skip
+        scale = [np.nan if own is None else own.scale_um for own in known]
+        return cls(np.array(begins), weights, np.array(scale))
 
     def means(self, x: FloatArray) -> FloatArray:
         """Of values (n,) over the time that each memory is known, shape (m,)."""

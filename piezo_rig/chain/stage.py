@@ -42,14 +42,12 @@ class Reads(NamedTuple):
     Attributes
     ----------
     from_s, to_s : of the drive's time, where its memory is known
-    middle_um : displacement above the first sample, in the mean over that time
-    scale_um : what an interferometer's own scale reads then; None where its zero is the model's
+    scale_um : what an interferometer's own scale reads, in the mean over that time
     """
 
     from_s: float
     to_s: float
-    middle_um: float
-    scale_um: float | None = None
+    scale_um: float
 
 
 class Kept:

@@ -223,9 +223,8 @@ class Group:
             if i >= j:
                 continue
             off = float(mean[i:j].mean() - mean[a:b].mean())
-            scale = None if r.scale_um is None else r.scale_um + off
             to_s = r.to_s if j == b else float(self.time_s[j - 1]) + 1e-8
-            out.append(Reads(float(self.time_s[i]), to_s, r.middle_um + off, scale))
+            out.append(Reads(float(self.time_s[i]), to_s, r.scale_um + off))
         return tuple(out) or None
 
     def with_measured(self, measured_um: FloatArray) -> Group:

@@ -1,4 +1,4 @@
-"""Where recordings begin: on the sensor's own scale, and on that of the interferometer.
+"""Where recordings stand on the scale of the interferometer.
 
 A recording of unknown history begins elsewhere than a model of it, and counts from there: where
 it stands is told by its mean over the time that its memory is known (`chain.placed`).
@@ -81,21 +81,21 @@ def on_one_scale(groups: Groups, model: Model) -> Groups:
     if alike and all(g.virgin for g in groups.groups):
         return groups
     seen = [r.ratio for own in found for r in own if r is not None]
-    told = bool(seen) and _unlikely(seen)
+    if not seen or not _unlikely(seen):
+        return groups
     begun = float(np.angle(sum(r.amplitude for r in virgins))) if virgins else 0.0
     out = []
     for g, own, mean in zip(groups.groups, found, means, strict=True):
         reads = []
         for (a, b), r in zip(g.blocks, own, strict=True):
             middle = _middle_um(g, mean, a, b)
-            scale = None
-            if told and g.virgin and (alike or r is None):
+            if g.virgin and (alike or r is None):
                 scale = begun / TURN_UM + middle
-            elif told:
+            else:
                 scale = float(np.angle(r.amplitude)) / TURN_UM if r is not None else 0.0
             to_s = float(g.time_s[b - 1]) + INSIDE_S
-            reads.append(Reads(float(g.time_s[a]), to_s, middle, scale))
-        out.append(g if g.virgin and not told else replace(g, reads=tuple(reads)))
+            reads.append(Reads(float(g.time_s[a]), to_s, scale))
+        out.append(replace(g, reads=tuple(reads)))
     return groups.with_(out)
 
 
@@ -115,8 +115,7 @@ def read_anew(
     off = []
     for before, after in zip(known.groups, out.groups, strict=True):
         for r, s in zip(before.reads or (), after.reads or (), strict=False):
-            if r.scale_um is not None and s.scale_um is not None:
-                off.append((s.scale_um - s.middle_um) - (r.scale_um - r.middle_um))
+            off.append(s.scale_um - r.scale_um)
     turned = np.exp(1j * TURN_UM * np.array(off))
     apart = np.angle(turned * np.conj(turned.mean())) if off else np.zeros(1)
     return out if float(np.abs(apart).max()) > ANEW else None
