@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, BinaryIO
 
 if TYPE_CHECKING:
     from piezo_rig.run_file.importers import Imported
@@ -137,6 +137,36 @@ def load_data(
     if len(args.data) > 1:
         sweeps = [s.with_(name=f"sweep_{i + 1:04d}") for i, s in enumerate(sweeps)]
     return sweeps, hashes
+
+
+def load_while(
+    meanwhile: Callable[[], None], args: argparse.Namespace, warned: list[str],
+    assumed: list[str],
+) -> tuple[list[Sweep], dict[str, str]]:  # fmt: skip
+    """`load_data` for a diagnosis, by another process while this one does something else.
+
+    What a diagnosis needs takes as long to import as its data to read.
+    """
+    import contextlib
+    import io
+    import pickle
+
+    from piezo_rig.forked import Forked, worth_it
+
+    def load(into: BinaryIO) -> None:
+        said = io.StringIO()
+        with contextlib.redirect_stdout(said):
+            loaded = load_data(args, True, warned, assumed)
+        pickle.dump((said.getvalue(), loaded, warned, assumed), into, pickle.HIGHEST_PROTOCOL)
+
+    if worth_it():
+        # a process that fails is not heard of: the same is found here again
+        with contextlib.suppress(OSError, EOFError, pickle.UnpicklingError), Forked(load) as other:
+            meanwhile()
+            said, loaded, warned[:], assumed[:] = pickle.loads(other.found())
+            print(said, end="")
+            return loaded
+    return load_data(args, True, warned, assumed)
 
 
 def _usable_sweeps(

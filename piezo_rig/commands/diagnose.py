@@ -66,9 +66,16 @@ def _together(args: argparse.Namespace) -> int:
     from dataclasses import replace
     from pathlib import Path
 
+    from piezo_rig.commands.data_options import load_data, load_while
+
+    _check_follow_up(args)
+    outputs = _outputs(args)
+    warned: list[str] = []
+    assumed: list[str] = []
+    sweeps, hashes = load_while(_get_ready, args, warned, assumed)
+
     from piezo_rig.causes import NAMED_MODELS, load_model
     from piezo_rig.commands.console import Progress
-    from piezo_rig.commands.data_options import load_data
     from piezo_rig.commands.follow_up import lines, play_follow_up
     from piezo_rig.diagnosis import diagnose, document, text
     from piezo_rig.diagnosis.follow_up import decide
@@ -77,14 +84,9 @@ def _together(args: argparse.Namespace) -> int:
     from piezo_rig.report.page import report_page
     from piezo_rig.resources import find
 
-    _check_follow_up(args)
-    outputs = _outputs(args)
     baseline = args.baseline
     if baseline not in NAMED_MODELS:
         baseline = load_model(find("models", baseline))
-    warned: list[str] = []
-    assumed: list[str] = []
-    sweeps, hashes = load_data(args, for_diagnosis=True, warned=warned, assumed=assumed)
 
     def diagnosed() -> Diagnosis:
         progress = Progress()
@@ -134,6 +136,15 @@ def _together(args: argparse.Namespace) -> int:
     if "figure" in outputs:
         print(f"figure: {ladder_figure(outputs['figure'], title, found)}")
     return 0
+
+
+def _get_ready() -> None:
+    """Import what a diagnosis needs, and call a compiled kernel: the first one takes a while."""
+    import numpy as np
+
+    from piezo_rig.chain.kernels import turning_points
+
+    turning_points(np.zeros(2), 0.0)
 
 
 def _each(args: argparse.Namespace) -> int:

@@ -9,16 +9,13 @@ other; what comes out is the same, because each begins with the space as it was.
 from __future__ import annotations
 
 import io
-import multiprocessing
 import os
 import pickle
-import signal
-import sys
-import threading
-import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from typing import Any, NoReturn, Protocol, TypeVar
+from typing import Any, BinaryIO, Protocol, TypeVar
+
+from piezo_rig.forked import Forked, worth_it
 
 Made = TypeVar("Made")
 Other = TypeVar("Other")
@@ -59,25 +56,27 @@ def abreast(
     """
     if len(steps) < 2:
         return [step() for step in steps]
-    if _State.busy or not _possible():
+    if _State.busy or not worth_it():
         return [_isolated(space, step) for step in steps]
     kept = {id(o): o for o in (space, *known)}
     with _busy(), _Tickets(len(steps)) as tickets:
+
+        def taken(out: BinaryIO) -> None:
+            made = {}
+            for k in tickets:
+                with suppress(Exception):
+                    made[k] = _isolated(space, steps[k])
+            _Pickler(out, kept).dump(made)
+
         try:
-            child, answer = _forked(space, steps, tickets, kept)
+            child = Forked(taken)
         except OSError:  # no room for another process
             return [_isolated(space, step) for step in steps]
         found: dict[int, Any] = {}
-        try:
+        with child:
             for k in tickets:
                 found[k] = _isolated(space, steps[k])
-            found |= _received(answer, kept)
-        except BaseException:
-            os.kill(child, signal.SIGKILL)
-            raise
-        finally:
-            os.close(answer)
-            os.waitpid(child, 0)
+            found |= _received(child.found(), kept)
         for k in range(len(steps)):
             if k not in found:  # failed there, as for want of memory, or raises here as well
                 found[k] = _isolated(space, steps[k])
@@ -92,15 +91,6 @@ def both(
     steps: list[Callable[[], Any]] = [one, other]
     made, besides = abreast(space, steps, known)
     return made, besides
-
-
-def _possible() -> bool:
-    return (
-        sys.platform.startswith("linux")
-        and len(os.sched_getaffinity(0)) > 1
-        and multiprocessing.parent_process() is None
-        and threading.active_count() == 1
-    )
 
 
 @contextmanager
@@ -139,53 +129,7 @@ def _isolated(space: Settled, step: Callable[[], Made]) -> Made:
         space.restore(state)
 
 
-def _forked(
-    space: Settled,
-    steps: Sequence[Callable[[], Any]],
-    tickets: _Tickets,
-    kept: Mapping[int, object],
-) -> tuple[int, int]:
-    """Process id, and where its answer can be read."""
-    read, write = os.pipe()
-    child = -1
-    with warnings.catch_warnings():
-        # some Python versions warn of threads; those of linear algebra are made anew
-        warnings.simplefilter("ignore", DeprecationWarning)
-        try:
-            child = os.fork()
-        finally:
-            if child < 0:
-                os.close(read)
-                os.close(write)
-    if child == 0:
-        os.close(read)
-        _child(space, steps, tickets, kept, write)
-    os.close(write)
-    return child, read
-
-
-def _child(
-    space: Settled,
-    steps: Sequence[Callable[[], Any]],
-    tickets: _Tickets,
-    kept: Mapping[int, object],
-    write: int,
-) -> NoReturn:
-    try:
-        signal.signal(signal.SIGINT, signal.SIG_DFL)  # the parent speaks for both
-        found = {}
-        for k in tickets:
-            with suppress(Exception):
-                found[k] = _isolated(space, steps[k])
-        with os.fdopen(write, "wb") as out:
-            _Pickler(out, kept).dump(found)
-    finally:
-        os._exit(0)  # the parent does what it does not hear of
-
-
-def _received(answer: int, kept: Mapping[int, object]) -> dict[int, Any]:
-    with os.fdopen(os.dup(answer), "rb") as file:
-        raw = file.read()
+def _received(raw: bytes, kept: Mapping[int, object]) -> dict[int, Any]:
     try:
         found: dict[int, Any] = _Unpickler(io.BytesIO(raw), kept).load()
     except (EOFError, pickle.UnpicklingError):

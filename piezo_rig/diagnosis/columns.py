@@ -25,7 +25,7 @@ from piezo_rig.diagnosis.dictionary import Scales
 from piezo_rig.diagnosis.fit import Point
 from piezo_rig.diagnosis.groups import Group, Groups
 from piezo_rig.diagnosis.left_before import left_before
-from piezo_rig.diagnosis.linear import Bands, Fixed, Frame, Key, Piece, joined, no_bands
+from piezo_rig.diagnosis.linear import Bands, Fixed, Frame, Key, Piece, joined, no_bands, no_columns
 from piezo_rig.diagnosis.noise import Spectrum
 from piezo_rig.diagnosis.whitening import CellWhitener
 
@@ -50,6 +50,7 @@ class Columns:
     first_rise: bool  # whether the model has an own curve for the first rise
     held: bool = False  # whether the model is held fixed: nothing of it follows the data
     loose: bool = False  # whether it may all the same be wrong by a bend and a smooth density
+    bare: bool = False  # whether there are none: for least squares on compliances alone
     tags: list[str] = field(default_factory=list)
     fixed: list[Fixed] = field(default_factory=list)
     generic: list[Fixed] = field(default_factory=list)
@@ -111,6 +112,10 @@ class Columns:
             self._prepared, self.fixed, self.counts = self._known[key]
             return
         self._prepared = model
+        if self.bare:
+            self.fixed = [no_columns(p.end - p.begin) for p in self.pieces]
+            self._known[key] = (model, self.fixed, self.counts)
+            return
         if not self.generic:
             self._make_generic(model)
         while len(self._known) >= self.most_kept:

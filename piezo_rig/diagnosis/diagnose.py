@@ -41,7 +41,7 @@ from piezo_rig.diagnosis.early import (
     read_monitor,
 )
 from piezo_rig.diagnosis.early.remembered import without_remembered
-from piezo_rig.diagnosis.engine import plain_space
+from piezo_rig.diagnosis.engine import plainly
 from piezo_rig.diagnosis.fit import Point, starting_model
 from piezo_rig.diagnosis.follow_up import follow_up
 from piezo_rig.diagnosis.found import NO_FINDINGS, Diagnosis, Finding, Rung
@@ -52,7 +52,7 @@ from piezo_rig.diagnosis.held_out import Errors, extrapolates, gain, held_out_er
 from piezo_rig.diagnosis.isolability import Workings
 from piezo_rig.diagnosis.levels import levels
 from piezo_rig.diagnosis.memory import give_back
-from piezo_rig.diagnosis.refit import Fitted, refit, settle
+from piezo_rig.diagnosis.refit import Fitted, settle
 from piezo_rig.diagnosis.scale import at_one_phase, read_anew
 from piezo_rig.diagnosis.scan import LEVEL
 from piezo_rig.diagnosis.space import Space
@@ -129,8 +129,7 @@ def _diagnosed(
                      "a turning point meet")  # fmt: skip
     warnings = data_warnings(raw, sweeps)
     point = _baseline(raw, baseline)
-    flat = plain_space(raw, point.model)
-    start = refit(flat, point)
+    start = plainly(raw, point)
     warnings += baseline_warnings(raw, start)
     notes += beyond_its_drives(raw, start)
     tell("outliers, jumps, lost samples and hum")
@@ -140,7 +139,7 @@ def _diagnosed(
     def cleaned() -> tuple[list[Early], Point]:
         return clean_up(
             raw, sweeps, start.point,
-            lambda groups, p: refit(plain_space(groups, p.model), p).point, SHARE * LEVEL, count,
+            lambda groups, p: plainly(groups, p).point, SHARE * LEVEL, count,
         )  # fmt: skip
 
     def heard() -> Reading | None:
@@ -151,16 +150,16 @@ def _diagnosed(
         return _diagnosed(sweeps, baseline, seed, tell, search.ladder.last.point.model)
 
     # neither asks for what the other says: the monitor hears nothing of what the sensor does
-    (found_early, point), reading = both(flat, cleaned, heard, [raw, *start.parts])
+    (found_early, point), reading = both(start.space, cleaned, heard, [raw, *start.parts])
     clean = raw
     if found_early:
         clean = found_early[-1].groups
-        start = refit(plain_space(clean, point.model), point)
+        start = plainly(clean, point)
     whole, clean = clean, at_one_phase(clean, start.point.model)
     if clean is not whole:
         notes.append("the interferometer's periodic error has another phase in every recording: "
                      "repeats are turned to that of the first")  # fmt: skip
-        start = refit(plain_space(clean, start.point.model), start.point)
+        start = plainly(clean, start.point)
     if reading is not None:
         notes += reading.notes
         warnings += reading.warnings
@@ -175,7 +174,7 @@ def _diagnosed(
         tell("hum")
         found_early.append(late)
         whole = clean = late.groups
-        start = refit(plain_space(clean, start.point.model), start.point)
+        start = plainly(clean, start.point)
         search = climbed(clean, start.point, rng, tell, tried, reading)
     if hums and search.ladder.steps:
         # hum was fitted to what the baseline left; most of that has an explanation now
@@ -187,7 +186,7 @@ def _diagnosed(
             found_early.append(again)
             whole = again.groups
         clean = at_one_phase(whole, better.without(PERIODIC))
-        start = refit(plain_space(clean, start.point.model), start.point)
+        start = plainly(clean, start.point)
         search = climbed(clean, start.point, rng, tell, tried, reading)
     if search.turned or turn_between(search.space, search.ladder.last):
         return turned_between(search)

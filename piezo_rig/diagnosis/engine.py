@@ -13,6 +13,7 @@ from piezo_rig.diagnosis.grouping import FEW
 from piezo_rig.diagnosis.groups import Groups
 from piezo_rig.diagnosis.linear import Piece
 from piezo_rig.diagnosis.noise import Spectrum, Whitener, spectrum_of
+from piezo_rig.diagnosis.refit import Fitted, refit
 from piezo_rig.diagnosis.scan import candidates
 from piezo_rig.diagnosis.space import Space
 from piezo_rig.diagnosis.whitening import CellWhitener
@@ -204,8 +205,14 @@ def bare_space(groups: Groups) -> Space:
     return Space(groups, pieces_of(groups)[0], white, scales_of(groups), False)
 
 
-def plain_space(groups: Groups, model: Model) -> Space:
-    """A space for least squares with white noise and no dictionary."""
+def plain_space(groups: Groups, model: Model, bare: bool = False) -> Space:
+    """A space for least squares with white noise; ``bare`` : on compliances alone."""
     space = bare_space(groups)
+    space.bare = bare
     space.prepare(model)
     return space
+
+
+def plainly(groups: Groups, point: Point) -> Fitted:
+    """A point fitted by least squares with white noise."""
+    return refit(plain_space(groups, point.model, not point.sizes), point)

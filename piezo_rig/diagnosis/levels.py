@@ -79,10 +79,10 @@ def _changes(groups: Groups, width: int) -> list[FloatArray]:
             apart = np.diff(group.measured_um[:, a : a + count * width], axis=0)
             means = apart.reshape(len(apart), count, width).mean(axis=2)
             begins = a + width * np.arange(count - 2)
-            turns = np.append(group.loops.start, group.loops.stop)
+            turns = np.sort(np.append(group.loops.start, group.loops.stop))
             beside = max(width, round(BESIDE_S * groups.rate))
-            near = [np.any((turns > k - beside) & (turns < k + 3 * width + beside))
-                    for k in begins]  # fmt: skip
+            first = np.searchsorted(turns, begins - beside, side="right")
+            near = first < np.searchsorted(turns, begins + 3 * width + beside)
             out += [np.where(near, np.nan, row) for row in means[:, 2:] - means[:, :-2]]
     return out
 

@@ -200,6 +200,11 @@ def no_bands(samples: int, fixed: int) -> Bands:
     return Bands(none, none, empty, empty, np.zeros((0, fixed)))
 
 
+def no_columns(samples: int) -> Fixed:
+    none = np.zeros((0, samples))
+    return Fixed(none, np.zeros((0, 0)), none.astype(np.float32))
+
+
 def joined(first: FloatArray, cross: FloatArray, second: FloatArray) -> FloatArray:
     """Gram matrix of two sets of columns together, from theirs and their products (a, b)."""
     a = first.shape[0]

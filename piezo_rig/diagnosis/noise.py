@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -142,13 +143,15 @@ class Whitener:
             self._filters[n] = (size, fft.rfft(taps))
         return self._filters[n]
 
-    def __call__(self, values: FloatArray) -> FloatArray:
-        """Filtered along the last axis; shape (..., n)."""
+    def __call__(self, values: NDArray[Any]) -> FloatArray:
+        """Filtered along the last axis; shape (..., n), in single precision if the values are."""
         if self._even is not None:
             return self._even * values
         n = values.shape[-1]
         size, response = self._filter(n)
-        out = np.empty(values.shape)
+        if values.dtype == np.float32:
+            response = response.astype(np.complex64)
+        out = np.empty(values.shape, values.dtype)
         rows, filtered = values.reshape(-1, n), out.reshape(-1, n)
         for begin in range(0, rows.shape[0], AT_ONCE):
             some = slice(begin, begin + AT_ONCE)

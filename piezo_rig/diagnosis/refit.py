@@ -46,7 +46,8 @@ class Fitted:
     point, space : the point, and the space it was fitted in
     covariance : of the stage parameters, shape (q, q)
     scales : variances of fine thresholds and dictionary
-    evidence : log of the marginal likelihood, everything but the stage parameters integrated
+    evidence : log of the marginal likelihood, everything but the stage parameters integrated;
+        -inf in a bare space
     """
 
     point: Point
@@ -203,6 +204,8 @@ def refit(
             linear = space.linear(point)
         if settled and step > 0:
             break
+    if space.bare:  # whose likelihood nobody asks for
+        return Fitted(point, space, covariance, scales)
     likelihood, columns = _likelihood(point, linear)
     used = [c for c, (id, n) in zip(columns, point.names, strict=True)
             if not (held and _optional(point, id, n))]  # fmt: skip

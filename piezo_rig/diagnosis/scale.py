@@ -25,6 +25,7 @@ from piezo_rig.diagnosis.chances import chi2_above
 from piezo_rig.diagnosis.groups import Group, Groups
 
 FloatArray = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
 DEGREE = 8  # of what is smooth over the drive, on each way
 NEXT, LAST = 2.0, 9.0  # resolution cells of the neighbouring wavelengths
 INDEPENDENT = 10.0  # of those cells
@@ -224,13 +225,29 @@ def _ripple(group: Group, model: Model, measured_um: FloatArray, k: int) -> _Rip
     left = _rough(off, group.drive_v[a:b])
     step = np.abs(np.gradient(seen))
     weight = step * np.sin(np.pi * (seen - low) / travel) ** 2
+    line = np.exp(-1j * TURN_UM * seen) * (2.0 * left * weight / weight.sum())
+    level = max(float(np.mean(np.abs(_beside(line, seen, travel)) ** 2)), 1e-30)
+    return _Ripple(complex(line.sum()), middle, level)
+
+
+def _beside(line: ComplexArray, seen: FloatArray, travel: float) -> ComplexArray:
+    """Amplitudes at neighbouring wavelengths.
+
+    ``line`` : shape (n,), which adds up to the amplitude at half a wave; from one neighbour to the
+    next it is turned further by the same, which takes no exponentials
+    """
+    step = np.exp(-1j * np.pi * seen / travel)  # half a cell
     cells = np.arange(NEXT, LAST, 0.5)
-    beside = np.concatenate([-cells, cells]) / travel
-    waves = 1.0 / HALF_WAVE_UM + np.concatenate([[0.0], beside])
-    waves = waves[waves > NEXT / travel]
-    lines = 2.0 * np.exp(-2j * np.pi * np.outer(waves, seen)) @ (left * weight) / weight.sum()
-    level = max(float(np.mean(np.abs(lines[1:]) ** 2)), 1e-30)
-    return _Ripple(complex(lines[0]), middle, level)
+    further = step ** round(2 * NEXT)
+    longer, shorter = line * np.conj(further), line * further
+    out = []
+    for cell in cells:
+        out.append(shorter.sum())
+        if 1.0 / HALF_WAVE_UM - cell / travel > NEXT / travel:
+            out.append(longer.sum())
+        shorter *= step
+        longer *= np.conj(step)
+    return np.array(out)
 
 
 def _middle_um(group: Group, measured_um: FloatArray, a: int, b: int) -> float:

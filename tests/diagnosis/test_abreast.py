@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import sys
 import threading
 from dataclasses import dataclass, field
 
@@ -39,7 +40,7 @@ class Thing:
 def two(request, monkeypatch) -> bool:
     if request.param and not hasattr(os, "fork"):
         pytest.skip("no fork here")
-    monkeypatch.setattr(room, "_possible", lambda: request.param)
+    monkeypatch.setattr(room, "worth_it", lambda: request.param)
     return request.param
 
 
@@ -58,10 +59,10 @@ def test_known_objects_come_back_as_themselves(two):
 
 
 def test_a_second_process_takes_part():
-    if not room.sys.platform.startswith("linux"):
+    if not sys.platform.startswith("linux"):
         pytest.skip("Linux only")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(room, "_possible", lambda: True)
+        patch.setattr(room, "worth_it", lambda: True)
         waits = threading.Event()
 
         def step():
@@ -110,7 +111,7 @@ def test_an_error_of_a_step_is_raised_and_no_process_is_left(two, monkeypatch):
 def test_what_a_process_that_dies_had_begun_is_done_all_the_same(monkeypatch):
     if not hasattr(os, "fork"):
         pytest.skip("no fork here")
-    monkeypatch.setattr(room, "_possible", lambda: True)
+    monkeypatch.setattr(room, "worth_it", lambda: True)
     here = os.getpid()
 
     def step(k):
@@ -125,7 +126,7 @@ def test_without_room_for_a_second_process_all_is_done_here(monkeypatch):
     def refused():
         raise BlockingIOError(11, "Resource temporarily unavailable")
 
-    monkeypatch.setattr(room, "_possible", lambda: True)
+    monkeypatch.setattr(room, "worth_it", lambda: True)
     monkeypatch.setattr(os, "fork", refused, raising=False)
     space = Counted([7])
     assert abreast(space, [lambda k=k: space.put(k) for k in range(3)]) == [[7, 0], [7, 1], [7, 2]]
@@ -135,7 +136,7 @@ def test_without_room_for_a_second_process_all_is_done_here(monkeypatch):
 def test_what_cannot_be_handed_over_is_done_here(monkeypatch):
     if not hasattr(os, "fork"):
         pytest.skip("no fork here")
-    monkeypatch.setattr(room, "_possible", lambda: True)
+    monkeypatch.setattr(room, "worth_it", lambda: True)
     found = abreast(Counted(), [lambda k=k: (lambda: k) for k in range(4)])
     assert [f() for f in found] == list(range(4))
 

@@ -30,7 +30,6 @@ TRIED = ("outliers", JUMP, DROP, HUM)
 BETTER = 0.999  # squared error of the baseline after mending, of that before
 JOINTLY = 6  # turns of fitting base and hum
 LEADS = 0.05  # of what is left, that such a line must be
-SUSPECTED = 0.05  # chance of a line, below which it is looked at beside a base that is free of it
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,7 +143,7 @@ def _given_back(
     makes of it is in all harmonics of the drive: the line that is left hardly stands out.
     """
     hum = hum_of_residual(noisy, point.model)
-    if hum is None or hum.p_value > SUSPECTED:
+    if hum is None:
         return None
     for _ in range(JOINTLY):
         point = refitted(hum.groups, point)

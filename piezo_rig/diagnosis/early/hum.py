@@ -33,6 +33,7 @@ NEAR_HZ, NEAR_CELLS = 0.06, 0.2  # about a frequency; of the resolution of the l
 FINE, PARTS = 60, 32  # steps to either side, parts of a recording
 FURTHER = 4  # times that the likeliest frequency is looked for further out
 LONG_S = 0.3  # a recording must last this long
+SUSPECTED = 0.05  # chance of a line, below which it is looked at any closer
 AGREE = 0.9  # of the lines of all drives, that is left of them when they are added up
 
 
@@ -103,7 +104,7 @@ class Row:
 
 
 def find_hum(groups: Groups, model: Model) -> Hum | None:
-    """The most significant line of the two mains frequencies; None where nothing can be sought."""
+    """The most significant line of the two mains frequencies; None without one to suspect."""
     found = [hum_of_residual(groups, model)]
     if groups.repeats > 1:
         found.insert(0, _strongest(groups, model, rows_of(groups, model)))
@@ -137,7 +138,8 @@ def _strongest(
             p = max(1e-300, 2.0 * min(lone, joint) * len(OFF_HZ) * len(FUNDAMENTALS_HZ))
             if best is None or p < best[0]:
                 best = (p, f)
-    assert best is not None
+    if best is None or best[0] > SUSPECTED:
+        return None
     fine = np.asarray(best[1] + np.arange(-25, 26) * 0.01, float)
     power = np.zeros(fine.size)
     for k in (1, 3):

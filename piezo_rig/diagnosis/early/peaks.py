@@ -113,7 +113,7 @@ def _sizes(white: Whitened) -> list[FloatArray]:
     after = np.arange(m) >= at[:, None]
     out = []
     for _, template in _templates(white.stretch):
-        seen = white.project(after * template)
+        seen = white.project(after * template.astype(np.float32))  # of a size, digits enough
         out.append(np.interp(np.arange(m), at, np.einsum("ij,ij->i", seen, seen)))
     return out
 

@@ -19,10 +19,9 @@ from numpy.typing import NDArray
 
 from piezo_rig.chain import Model
 from piezo_rig.chain.bend import Bend
-from piezo_rig.diagnosis.engine import plain_space
+from piezo_rig.diagnosis.engine import plainly
 from piezo_rig.diagnosis.fit import Point
 from piezo_rig.diagnosis.grouping import group_tracks, same_drive
-from piezo_rig.diagnosis.refit import refit
 from piezo_rig.errors import InputError
 from piezo_rig.identification import prepare
 from piezo_rig.identification.data import Data, Track
@@ -64,7 +63,7 @@ def without_remembered(data: Data, sweeps: Sequence[Sweep], point: Point) -> Dat
         groups = group_tracks(settled, sweeps)
         low = min(float(g.drive_v.min()) for g in groups.groups)
         model = point.model.with_stage(Bend.none(low, groups.span_v))
-        model = refit(plain_space(groups, model), Point(model, (), point.sizes)).point.model
+        model = plainly(groups, Point(model, (), point.sizes)).point.model
     except InputError:  # too little is left without the beginnings
         return data
     known = {t.sweeps: t for t in settled.tracks}

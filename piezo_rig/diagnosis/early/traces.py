@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -181,10 +182,10 @@ class Whitened:
     def of(cls, stretch: Stretch, whitener: Whitener) -> Whitened:
         return cls(stretch, whitener, _orthonormal(whitener(stretch.nuisance)))
 
-    def project(self, rows: FloatArray) -> FloatArray:
+    def project(self, rows: NDArray[Any]) -> FloatArray:
         """Whitened rows (..., m) with what the nuisance can do taken off."""
-        white = self.whitener(rows)
-        return white - (white @ self.base.T) @ self.base
+        white, base = self.whitener(rows), self.base.astype(rows.dtype, copy=False)
+        return white - (white @ base.T) @ base
 
     def near(self, at: int, within: float) -> Callable[[FloatArray], FloatArray]:
         """`project`, of what lies within so many full-rate samples of one of them alone."""
