@@ -3,12 +3,14 @@
 Most of a diagnosis is many short steps that hold the interpreter's lock, so threads hardly help.
 A forked process has all that its parent knows and hands back only what it found. Where there is
 one processor, no fork, or this process is itself one of several, the steps are done one after the
-other; what comes out is the same, because each begins with the space as it was.
+other; what comes out is the same, because each begins with the space as it was. Steps may have
+steps of their own: whichever process comes to them shares them out if the other has done its part.
 """
 
 from __future__ import annotations
 
 import io
+import mmap
 import os
 import pickle
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -28,15 +30,30 @@ class Settled(Protocol):
     def restore(self, state: Mapping[str, Any]) -> None: ...
 
 
-class _State:
-    """Of this process: whether several steps are under way."""
+class _Working:
+    """Which processes have something to do: a byte each, which all of them share.
 
-    busy = False
+    The first one's is the first, that of a process that it forks the next, and so on: a process
+    has one other at a time, but for those that have done their part.
+    """
+
+    DEEPEST = 16
+    bytes = mmap.mmap(-1, DEEPEST)
+    own = 0
+
+    @classmethod
+    def others(cls) -> bool:
+        """Whether any other process has."""
+        return any(cls.bytes[k] for k in range(cls.DEEPEST) if k != cls.own)
+
+    @classmethod
+    def mark(cls, index: int, working: bool) -> None:
+        cls.bytes[index] = int(working)
 
 
 def alone() -> bool:
     """Whether the other processor has nothing to do."""
-    return not _State.busy
+    return not _Working.others()
 
 
 def abreast(
@@ -56,27 +73,35 @@ def abreast(
     """
     if len(steps) < 2:
         return [step() for step in steps]
-    if _State.busy or not worth_it():
+    next_one = _Working.own + 1
+    if not alone() or next_one >= _Working.DEEPEST or not worth_it():
         return [_isolated(space, step) for step in steps]
-    kept = {id(o): o for o in (space, *known)}
-    with _busy(), _Tickets(len(steps)) as tickets:
+    kept, here = {id(o): o for o in (space, *known)}, os.getpid()
+    with _Tickets(len(steps)) as tickets:
 
         def taken(out: BinaryIO) -> None:
-            made = {}
+            _Working.own = next_one
+            made, answer = dict[int, Any](), io.BytesIO()
             for k in tickets:
+                if os.getppid() != here:  # nobody waits for it any more
+                    return
                 with suppress(Exception):
                     made[k] = _isolated(space, steps[k])
-            _Pickler(out, kept).dump(made)
+            _Pickler(answer, kept).dump(made)
+            _Working.mark(next_one, False)  # what it takes to be heard is no work
+            out.write(answer.getbuffer())
 
-        try:
-            child = Forked(taken)
-        except OSError:  # no room for another process
-            return [_isolated(space, step) for step in steps]
         found: dict[int, Any] = {}
-        with child:
-            for k in tickets:
-                found[k] = _isolated(space, steps[k])
-            found |= _received(child.found(), kept)
+        with _marked(next_one):
+            try:
+                child = Forked(taken)
+            except OSError:  # no room for another process
+                return [_isolated(space, step) for step in steps]
+            with child, _marked(_Working.own):
+                for k in tickets:
+                    found[k] = _isolated(space, steps[k])
+                _Working.mark(_Working.own, False)  # while it waits
+                found |= _received(child.found(), kept)
         for k in range(len(steps)):
             if k not in found:  # failed there, as for want of memory, or raises here as well
                 found[k] = _isolated(space, steps[k])
@@ -94,12 +119,14 @@ def both(
 
 
 @contextmanager
-def _busy() -> Iterator[None]:
-    _State.busy = True
+def _marked(index: int) -> Iterator[None]:
+    """For as long as that process works, at most; afterwards as it was."""
+    before = bool(_Working.bytes[index])
+    _Working.mark(index, True)
     try:
         yield
     finally:
-        _State.busy = False
+        _Working.mark(index, before)
 
 
 class _Tickets:

@@ -282,13 +282,10 @@ class Search:
             self.came_to_nothing(result.ids[i], here)
         most = max((f.evidence - here.evidence for _, f in begun), default=0.0)
         known = [part for _, f in begun for part in f.parts]
-        # laws one after the other: their forms are fitted abreast
-        laws = [b for b in begun if "reach" in CAUSES[result.ids[b[0]]].optional]
-        others = [b for b in begun if b not in laws]
-        begun = [*others, *laws]
+        # laws first: their forms are many
+        begun.sort(key=lambda b: "reach" not in CAUSES[result.ids[b[0]]].optional)
         grow = [partial(self.grown, here, found, i, f, most) for i, f in begun]
-        grown = abreast(self.space, grow[: len(others)], [*here.parts, *known])
-        grown += [step() for step in grow[len(others) :]]
+        grown = abreast(self.space, grow, [*here.parts, *known])
         tried: list[tuple[float, int, Fitted]] = []
         for (i, _), (worth, fitted, error) in zip(begun, grown, strict=True):
             tried.append((worth, i, fitted))

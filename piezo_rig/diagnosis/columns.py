@@ -262,14 +262,21 @@ class Columns:
         return key
 
     def _make_generic(self, model: Model) -> None:
-        for index, group in enumerate(self.groups.groups):
+        tags: dict[int, list[str]] = {}
+
+        def of(index: int) -> list[Fixed]:
+            group, out = self.groups.groups[index], []
             f = dictionary.features(group, self.scales, group.predicted(model))
-            made, self.tags = dictionary.generic(group, self.scales, f)
+            made, tags[index] = dictionary.generic(group, self.scales, f)
             generic = self.groups.thinned(group, made)
             for at, piece in enumerate(self.pieces):
                 if piece.group == index:
                     white, raw = self._kept(generic[:, piece.begin : piece.end], at)
-                    self.generic.append(Fixed(white, white @ white.T, raw))
+                    out.append(Fixed(white, white @ white.T, raw))
+            return out
+
+        self.generic = self.each_group(of)
+        self.tags = tags[0]
 
     def _kept(self, cut: FloatArray, at: int) -> tuple[FloatArray, NDArray[np.float32]]:
         """Columns of one piece, whitened, and unwhitened and centred.

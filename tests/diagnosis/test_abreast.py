@@ -58,21 +58,41 @@ def test_known_objects_come_back_as_themselves(two):
     assert all(known is here and made.of is space for known, made in found)
 
 
-def test_a_second_process_takes_part():
+@pytest.fixture
+def forking(monkeypatch):
     if not sys.platform.startswith("linux"):
         pytest.skip("Linux only")
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(room, "worth_it", lambda: True)
-        waits = threading.Event()
+    monkeypatch.setattr(room, "worth_it", lambda: True)
 
-        def step():
-            waits.wait(0.1)
-            return os.getpid(), alone()
 
-        found = abreast(Counted(), [step] * 4)
+def test_a_second_process_takes_part(forking):
+    waits = threading.Event()
+
+    def step():
+        before = alone()
+        waits.wait(0.1)
+        return os.getpid(), before
+
+    found = abreast(Counted(), [step] * 4)
     assert len({pid for pid, _ in found}) == 2
-    assert not any(left for _, left in found)
+    assert not all(before for _, before in found)
     assert alone()
+
+
+def test_a_process_that_has_done_its_part_is_there_for_steps_of_the_other(forking):
+    waits = threading.Event()
+
+    def quick():
+        return []
+
+    def long():
+        waits.wait(0.3)  # until the quick one is done
+        return abreast(Counted(), [lambda: (waits.wait(0.2), os.getpid())[1]] * 2)
+
+    for steps in ([long, quick], [quick, long]):  # in this process, and in the other one
+        inner = max(abreast(Counted(), steps), key=len)
+        assert len(set(inner)) == 2
+        assert alone()
 
 
 def test_steps_of_steps_are_done_where_they_are(two):
