@@ -5,8 +5,8 @@ step grows by the same amount in every decade of time. H. Jung and D.-G. Gweon, 
 71 (2000) 1896; Kuhnen and Janocha's operator form, Control and Intelligent Systems 29 (2001):
 first-order relaxations with time constants spread evenly over the decades, here two per decade
 from 10 ms to 1000 s, each driven by the displacement. Kuhnen's operator has a share of its own for
-each; where a large effect shows that they are not even, a diagnosis fits them (``share_1s`` and so
-on, 1 being the even share) and reports the mean rate.
+each; where a large effect shows that they are not even, or that it begins before 10 ms, a diagnosis
+fits them (``share_1s`` and so on, 1 being the even share) and reports the mean rate from 10 ms on.
 
 Shows as: holds that are not flat, later cycles that ride up after the first, loops that open at
 low frequency. With conditions in ascending order it looks much like thermal drift.
@@ -30,9 +30,11 @@ from piezo_rig.chain.increments import Increment, Operation
 from piezo_rig.chain.stage import Parameter, Signal, Stage
 
 TIMES_S = np.logspace(-2.0, 3.0, 11)
+FAST_S = np.logspace(-3.0, -2.5, 2)  # of what may come before
 PER_DECADE = 2.0
 UNLIKE = (0.0, *np.geomspace(0.01, 3.0, 60))  # what rates may differ by, of their mean
 FASTER_S = 4e-3  # of a law that begins at 1 ms and not at 10, per rate: 9 ms over ln(10)
+FAST = ("share_1ms", "share_3.2ms")
 SHARES = (
     "share_10ms", "share_32ms", "share_100ms", "share_320ms", "share_1s", "share_3.2s",
     "share_10s", "share_32s", "share_100s", "share_320s", "share_1000s",
@@ -78,24 +80,39 @@ class Creep(Cause):
     law: ClassVar[Mapping[str, float]] = {"time_since_turn": 0.01}
     units: ClassVar[Mapping[str, str]] = {"rate_per_decade": "1"}
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {
-        "rate_per_decade": (0.0, 0.3), **dict.fromkeys(SHARES, (0.0, 20.0)),
+        "rate_per_decade": (0.0, 0.3), **dict.fromkeys(FAST + SHARES, (0.0, 20.0)),
     }  # fmt: skip
 
-    optional: ClassVar[Mapping[str, str]] = dict.fromkeys(SHARES, "1")
-    neutral: ClassVar[Mapping[str, float]] = dict.fromkeys(SHARES, 1.0)
-    priors: ClassVar[Mapping[str, tuple[float, float]]] = dict.fromkeys(SHARES, (1.0, 1.0))
-    loosened: ClassVar[Mapping[str, float]] = dict.fromkeys(SHARES, 0.1)
+    optional: ClassVar[Mapping[str, str]] = dict.fromkeys(FAST + SHARES, "1")
+    neutral: ClassVar[Mapping[str, float]] = dict.fromkeys(FAST, 0.0) | dict.fromkeys(SHARES, 1.0)
+    priors: ClassVar[Mapping[str, tuple[float, float]]] = (
+        dict.fromkeys(FAST, (0.0, 1.0)) | dict.fromkeys(SHARES, (1.0, 1.0))
+    )
+    loosened: ClassVar[Mapping[str, float]] = dict.fromkeys(FAST + SHARES, 0.1)
+
+    @property
+    def begins_fast(self) -> bool:
+        """Whether relaxations before 10 ms have shares."""
+        return set(FAST) <= set(self.parameters)
+
+    @property
+    def times_s(self) -> FloatArray:
+        """Of every relaxation."""
+        return np.concatenate([FAST_S, TIMES_S]) if self.begins_fast else TIMES_S
 
     @property
     def shares(self) -> FloatArray:
         """Of every relaxation, of the displacement."""
         own = [self[n] if n in self.parameters else 1.0 for n in SHARES]
-        return np.asarray(self["rate_per_decade"] * weights() * own)
+        even = weights() * own
+        if self.begins_fast:
+            even = np.concatenate([[self[n] / PER_DECADE for n in FAST], even])
+        return np.asarray(self["rate_per_decade"] * even)
 
     @property
     def as_late_s(self) -> float:
         """What relaxes faster than the law begins to is late by its time constant and no more."""
-        return FASTER_S * self["rate_per_decade"]
+        return FASTER_S * self["rate_per_decade"] * (0.1 if self.begins_fast else 1.0)
 
     def act(self, signal: Signal) -> Signal:
         from piezo_rig.chain.relaxation import relaxations_each
@@ -103,12 +120,12 @@ class Creep(Cause):
         x = np.ascontiguousarray(signal.displacement_um)
 
         def made() -> FloatArray:
-            out = np.empty((x.size, TIMES_S.size))
+            out = np.empty((x.size, self.times_s.size))
             time = np.ascontiguousarray(signal.time_s)
-            relaxations_each(signal.begins, time, x, TIMES_S, out)
+            relaxations_each(signal.begins, time, x, self.times_s, out)
             return out
 
-        each = signal.of_displacement.get(self.id, made)
+        each = signal.of_displacement.get(f"{self.id}, {self.times_s.size}", made)
         return signal.with_displacement(x + each @ self.shares)
 
     def carry(self, signal: Signal, changes: FloatArray) -> FloatArray:
@@ -116,7 +133,7 @@ class Creep(Cause):
 
         time = np.ascontiguousarray(signal.time_s)
         rows = np.ascontiguousarray(changes)
-        return changes + relaxed_rows(time, rows, TIMES_S, self.shares)
+        return changes + relaxed_rows(time, rows, self.times_s, self.shares)
 
     def reported(self, covariance: FloatArray) -> dict[str, Parameter]:
         """The rate, the mean over decades where they are not even, and shares of that mean."""
@@ -124,18 +141,21 @@ class Creep(Cause):
         if not set(SHARES) <= set(self.parameters):
             return said
         names, rate = list(self.parameters), self["rate_per_decade"]
-        each = rate * np.array([self[n] for n in SHARES])
+        told_of = [*(FAST if self.begins_fast else ()), *SHARES]
+        each, late = rate * np.array([self[n] for n in told_of]), slice(-len(SHARES), None)
         gradient = np.zeros((each.size, len(names)))
         gradient[:, names.index("rate_per_decade")] = each / rate if rate else 0.0
-        gradient[range(each.size), [names.index(n) for n in SHARES]] = rate
+        gradient[range(each.size), [names.index(n) for n in told_of]] = rate
         spread = gradient @ covariance @ gradient.T
-        mean, deviation, part = mean_rate(each, spread)
+        mean, deviation, of_late = mean_rate(each[late], spread[late, late])
+        part = np.zeros(each.size)
+        part[late] = of_late
         if not mean > 0.0:
             return said
         relative = (np.eye(each.size) - np.outer(each / mean, part)) / mean
         deviations = np.sqrt(np.maximum(np.diag(relative @ spread @ relative.T), 0.0))
         told = {"rate_per_decade": (mean, deviation), **{
-            n: (value / mean, d) for n, value, d in zip(SHARES, each, deviations, strict=True)
+            n: (value / mean, d) for n, value, d in zip(told_of, each, deviations, strict=True)
         }}  # fmt: skip
         return said | {
             n: Parameter(value, "1", (value - 1.96 * d, value + 1.96 * d) if d > 0 else None)
@@ -143,7 +163,7 @@ class Creep(Cause):
         }
 
     def increment(self, branches: Branches) -> Increment | str:
-        return Increment(Operation.RELAX, (float(TIMES_S.size), *TIMES_S, *self.shares))
+        return Increment(Operation.RELAX, (float(self.times_s.size), *self.times_s, *self.shares))
 
     @classmethod
     def trials(cls, context: Context) -> list[Stage]:

@@ -1,10 +1,11 @@
-"""Turning points that fall between samples.
+"""What a drive does between samples: corners, and what is curved.
 
 A model takes the drive for straight between samples. A triangle that turns between two of them goes
 further than either says, and the actuator remembers from where it turned: every half loop after it
 lies beside the model by a nanometre or so, and stages of the drive (a lag) by several just after
-the corner. Where the straight lines before and after a turning point meet, the drive turned, unless
-the generator plays the very samples that are recorded: the data say which.
+the corner. Where the straight lines before and after a corner meet, the drive turned, unless
+the generator plays the very samples that are recorded: the data say which. A fast sine is off a
+straight line all along, by which a lag looks like a delay.
 """
 
 from __future__ import annotations
@@ -22,14 +23,18 @@ if TYPE_CHECKING:
     from piezo_rig.diagnosis.space import Space
 
 FloatArray = NDArray[np.float64]
+Points = tuple[FloatArray, FloatArray]  # times, volts
 STRAIGHT = 0.02  # change of the drive per sample, by which it may change on a straight line
-INSIDE = 0.02  # of a sample, by which a turning point must be away from one
+BENT = 0.2  # of the larger change, by which it must change at a corner
+INSIDE = 0.02  # of a sample, by which a corner must be away from one
+CURVED = 5e-5  # of the span, off a straight line between two samples
+PARTS = np.array([0.25, 0.5, 0.75])  # of a sample, where a curve is followed
 SEEN = 5.0  # times what noise would do, for a look at what they are worth
 PLAINLY = 10.0  # log-likelihood
 
 
 class Denser(NamedTuple):
-    """A drive with its turning points between samples, and which samples are given, (n + k,)."""
+    """A drive with points between samples, and which samples are given, (n + k,)."""
 
     time_s: FloatArray
     drive_v: FloatArray
@@ -42,15 +47,16 @@ class Denser(NamedTuple):
 
 
 def denser(time_s: FloatArray, drive_v: FloatArray, model: Model | None = None) -> Denser | None:
-    """With the points where straight lines before and after a turning point meet; None where all
-    turning points are samples, or nothing is straight.
+    """With the points where straight lines before and after a corner meet, and those of a curve;
+    None where all corners are samples and nothing is curved.
 
     Parameters
     ----------
     time_s, drive_v : shape (n,)
     model : whose amplifier may make the drive turn at other times, as at a slew limit
     """
-    own = _meet(time_s, drive_v)
+    curve, drive_v = _curve(time_s, drive_v)
+    own = _joined(_meet(time_s, drive_v), curve)
     dense = _with(time_s, drive_v, *own)
     stages = [s for s in model.stages if s.place == "drive"] if model is not None else []
     if stages:
@@ -61,28 +67,64 @@ def denser(time_s: FloatArray, drive_v: FloatArray, model: Model | None = None) 
         step = INSIDE * float(np.median(np.diff(time_s)))
         late = np.array([t for t in late if not np.any(np.abs(t - own[0]) < step)])
         there = np.interp(late, dense.time_s, dense.drive_v)
-        both = np.append(own[0], late), np.append(own[1], there)
-        order = np.argsort(both[0])
-        dense = _with(time_s, drive_v, both[0][order], both[1][order])
+        dense = _with(time_s, drive_v, *_joined(own, (late, there)))
     return None if bool(dense.given.all()) else dense
 
 
-def _meet(time_s: FloatArray, drive_v: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Times and volts (k,) between samples where two straight lines meet and the drive turns."""
+def _meet(time_s: FloatArray, drive_v: FloatArray) -> Points:
+    """Times and volts (k,) between samples where two straight lines meet."""
     change = np.diff(drive_v)
     at = np.arange(2, change.size - 2)
     before, after = change[at - 1], change[at + 1]
-    turns = before * after < 0.0
-    straight = (np.abs(before - change[at - 2]) < STRAIGHT * np.abs(before)) & (
-        np.abs(after - change[at + 2]) < STRAIGHT * np.abs(after)
+    larger = np.maximum(np.abs(before), np.abs(after))
+    bent = np.abs(after - before) > BENT * larger
+    straight = (np.abs(before - change[at - 2]) < STRAIGHT * larger) & (
+        np.abs(after - change[at + 2]) < STRAIGHT * larger
     )
-    at = at[turns & straight]
+    at = at[bent & straight]
     before, after = change[at - 1], change[at + 1]
     # from this sample on along the one line, and to the next one along the other
     share = (change[at] - after) / (before - after)
     inside = (share > INSIDE) & (share < 1.0 - INSIDE)
     at, before, share = at[inside], before[inside], share[inside]
     return time_s[at] + share * (time_s[at + 1] - time_s[at]), drive_v[at] + share * before
+
+
+def _curve(time_s: FloatArray, drive_v: FloatArray) -> tuple[Points, FloatArray]:
+    """Times and volts (k,) between samples, where a smooth drive is off a straight line; and the
+    drive (n,), as little off itself as straight lines between those points are off its mean.
+
+    The least second difference about an interval counts, if all have one sign: at a corner, and in
+    noise, they have not.
+    """
+    bend = np.diff(drive_v, 2)  # about samples 1, 2, ..
+    if bend.size < 4:
+        return (np.zeros(0), np.zeros(0)), drive_v
+    four = np.lib.stride_tricks.sliding_window_view(bend, 4)  # about interval 2, 3, ..
+    least = np.where(np.all(four * four[:, :1] > 0.0, axis=1), np.min(np.abs(four), axis=1), 0.0)
+    near = least > 0.5 * np.max(np.abs(four), axis=1)
+    at = np.flatnonzero(near & (least > 8.0 * CURVED * float(np.ptp(drive_v)))) + 2
+    # the third-order curve through four samples
+    a, b, c, d = (drive_v[at + k][:, None] for k in (-1, 0, 1, 2))
+    s = PARTS
+    volts = (
+        b + s * (c - b) + s * (s - 1.0) * ((2.0 - s) * (c - 2.0 * b + a)
+                                           + (1.0 + s) * (d - 2.0 * c + b)) / 6.0
+    )  # fmt: skip
+    times = time_s[at][:, None] + s * (time_s[at + 1] - time_s[at])[:, None]
+    # lines between points of a curve are off its mean by a twelfth of their second difference
+    off = 0.5 * (bend[at - 1] + bend[at]) / (12.0 * (s.size + 1) ** 2)
+    shifted = drive_v.copy()
+    np.add.at(shifted, at, -0.5 * off)
+    np.add.at(shifted, at + 1, -0.5 * off)
+    return (times.ravel(), (volts - off[:, None]).ravel()), shifted
+
+
+def _joined(some: Points, others: Points) -> Points:
+    """Both, in time."""
+    times, volts = (np.append(x, y) for x, y in zip(some, others, strict=True))
+    order = np.argsort(times)
+    return times[order], volts[order]
 
 
 def _with(
@@ -94,7 +136,8 @@ def _with(
 
 
 def turn_between(space: Space, fitted: Fitted) -> bool:
-    """Whether a fit is plainly better with turning points between samples where they may be."""
+    """Whether a fit is plainly better with corners and curves between samples, where they may be.
+    """
     from piezo_rig.diagnosis.engine import space_of
     from piezo_rig.diagnosis.forms import converged
     from piezo_rig.diagnosis.refit import refit

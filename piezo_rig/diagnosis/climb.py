@@ -26,7 +26,7 @@ from piezo_rig.diagnosis.forms import converged, in_another_form, reached, summi
 from piezo_rig.diagnosis.ladder import Ladder, Step
 from piezo_rig.diagnosis.likelihood import Likelihood
 from piezo_rig.diagnosis.needed import worth_needed
-from piezo_rig.diagnosis.own_laws import also, loosen
+from piezo_rig.diagnosis.own_laws import also, loosen, rather
 from piezo_rig.diagnosis.put_in import LARGE, refitted
 from piezo_rig.diagnosis.reduction import reduce
 from piezo_rig.diagnosis.refit import Fitted, settle
@@ -247,7 +247,7 @@ class Search:
                 self.spoiled[id] = Step(id, float(family[i]), fitted)
                 self.bar(id, here, worse, NEARER)
                 continue
-            if self.masked(here, worth):
+            if self.masked(here, worth) or rather(self, here, fitted, id):
                 return True
             rivals = tuple(
                 result.ids[j] for w, j, _ in tried

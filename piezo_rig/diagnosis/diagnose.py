@@ -126,7 +126,7 @@ def _diagnosed(
     if between is not None and (turned := raw.turned(between)) is not None:
         raw = turned
         notes.append("the drive turns between samples: where the straight lines before and after "
-                     "a turning point meet")  # fmt: skip
+                     "a corner meet, and along the curve of a fast one")  # fmt: skip
     warnings = data_warnings(raw, sweeps)
     point = _baseline(raw, baseline)
     start = plainly(raw, point)
@@ -145,12 +145,17 @@ def _diagnosed(
     def heard() -> Reading | None:
         return read_monitor(raw, sweeps, SHARE * LEVEL, count)
 
-    def turned_between(search: Climbed) -> Diagnosis:
-        tell("turning points between samples")
-        return _diagnosed(sweeps, baseline, seed, tell, search.ladder.last.point.model)
+    def turned_between(model: Model) -> Diagnosis:
+        tell("what the drive does between samples")
+        return _diagnosed(sweeps, baseline, seed, tell, model)
 
     # neither asks for what the other says: the monitor hears nothing of what the sensor does
     (found_early, point), reading = both(start.space, cleaned, heard, [raw, *start.parts])
+    if reading is not None and reading.between and between is None:
+        model = start.point.model
+        for told in reading.told:
+            model = model.with_stage(told.stage)
+        return turned_between(model)
     clean = raw
     if found_early:
         clean = found_early[-1].groups
@@ -166,7 +171,7 @@ def _diagnosed(
     hums = bool(found_early) and found_early[-1].cause == HUM
     search = climbed(clean, start.point, rng, tell, tried, reading, brief=hums)
     if search.turned:
-        return turned_between(search)
+        return turned_between(search.ladder.last.point.model)
     late = None if hums or not search.ladder.steps else hum_behind(
         clean, search.ladder.last.point.model, SHARE * LEVEL, count
     )  # fmt: skip
@@ -189,7 +194,7 @@ def _diagnosed(
         start = plainly(clean, start.point)
         search = climbed(clean, start.point, rng, tell, tried, reading)
     if search.turned or turn_between(search.space, search.ladder.last):
-        return turned_between(search)
+        return turned_between(search.ladder.last.point.model)
     for _ in range(READ_ANEW):
         # phases were read beside all that the baseline leaves; most of that is explained now
         better = search.ladder.last.point.model
@@ -201,7 +206,7 @@ def _diagnosed(
         tell("where recordings stand on the interferometer's scale")
         clean, search = anew, climbed(anew, start.point, rng, tell, tried, reading)
         if search.turned:
-            return turned_between(search)
+            return turned_between(search.ladder.last.point.model)
     stages = [(f.cause, f.groups) for f in found_early]
     clean = _on_the_scale_of(search.space.groups, clean)
     space, ladder, kind, floor = search.space, search.ladder, search.kind, search.floor_nm

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
 LOOSE = 15.0  # log-likelihood that a law must gain by being let go of
 MORE = 8.0  # the same of a member that does one thing more
+AS_MUCH = 5.0  # log-likelihood, by which that may say less than another cause
 PROMISED = 0.5  # of that, by a linear look at what is then free, for a refit to be tried
 
 
@@ -47,6 +48,20 @@ def loosen(search: Search, here: Fitted, best: float) -> bool:
             stood_in(search, id)
             return True
     return False
+
+
+def rather(search: Search, here: Fitted, fitted: Fitted, id: str) -> bool:
+    """Let go of the assumed law of a member instead of taking in what acts as fast as that may
+    begin, where that says about as much.
+    """
+    new = fitted.point.model.stage(id)
+    groups = search.space.groups
+    if not isinstance(new, Cause) or new.late_s(groups.travel_um / groups.span_v) == np.inf:
+        return False
+    members = [here.point.model.stage(c) for c in search.causes]
+    if not any(isinstance(s, Cause) and s.as_late_s > 0.0 for s in members):
+        return False
+    return loosen(search, here, fitted.evidence - here.evidence - AS_MUCH)
 
 
 def also(search: Search, here: Fitted, best: float) -> bool:

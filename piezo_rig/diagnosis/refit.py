@@ -139,11 +139,40 @@ def parameter_step(
     scaled += 1e-12 * np.trace(scaled) / q * np.eye(q)
     covariance = np.asarray(np.linalg.inv(scaled), float) * np.outer(size, size)
     free = np.array([not (held and _optional(point, id, n)) for id, n in point.names])
-    step = np.zeros(q)
-    step[free] = size[free] * np.linalg.solve(
-        scaled[np.ix_(free, free)], size[free] * right[free]
-    )
+    bounds = np.array([_limits(point, id, n) for id, n in point.names]) - values[:, None]
+    step = size * _bounded(scaled, size * right, free, bounds / np.abs(size)[:, None])
     return step, covariance
+
+
+def _bounded(
+    information: FloatArray, right: FloatArray, free: NDArray[np.bool_], bounds: FloatArray
+) -> FloatArray:
+    """The step (q,) of those that are free, within bounds (q, 2).
+
+    One that would go beyond stays there, and the others are solved for anew: clipped by itself it
+    would leave them where they were to make up for it.
+    """
+    step, moving = np.zeros(right.size), free.copy()
+    while moving.any():
+        still = ~moving
+        step[moving] = np.linalg.solve(
+            information[np.ix_(moving, moving)],
+            right[moving] - information[np.ix_(moving, still)] @ step[still],
+        )
+        beyond = moving & ((step < bounds[:, 0]) | (step > bounds[:, 1]))
+        if not beyond.any():
+            break
+        step[beyond] = np.clip(step, *bounds.T)[beyond]
+        moving &= ~beyond
+    return step
+
+
+def _limits(point: Point, id: str, name: str) -> tuple[float, float]:
+    """Physical limits of a parameter."""
+    stage = point.model.stage(id)
+    if isinstance(stage, Cause) and name in stage.limits:
+        return stage.limits[name]
+    return -np.inf, np.inf
 
 
 def _optional(point: Point, id: str, name: str) -> bool:
@@ -328,12 +357,7 @@ def playable(space: Space, model: Model, whole: bool = False) -> bool:
 
 def _within(point: Point, change: FloatArray) -> FloatArray:
     """A step kept within physical limits and within a hundred examples."""
-    out = change.copy()
     values = point.values()[point.linear :]
-    for j, (id, name, size) in enumerate(point.sizes):
-        out[j] = np.clip(out[j], -300.0 * abs(size), 300.0 * abs(size))
-        stage: Stage | None = point.model.stage(id)
-        if isinstance(stage, Cause) and name in stage.limits:
-            low, high = stage.limits[name]
-            out[j] = np.clip(values[j] + out[j], low, high) - values[j]
-    return out
+    most = 300.0 * np.array([abs(size) for *_, size in point.sizes])
+    bounds = np.array([_limits(point, id, n) for id, n in point.names])
+    return np.asarray(np.clip(values + np.clip(change, -most, most), *bounds.T) - values)

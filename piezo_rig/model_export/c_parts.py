@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 from piezo_rig.causes.amplifier_lag import AmplifierLag
 from piezo_rig.causes.clock_ratio import ClockRatio
-from piezo_rig.causes.creep import TIMES_S, Creep
+from piezo_rig.causes.creep import Creep
 from piezo_rig.causes.cycle_aging import CycleAging
 from piezo_rig.causes.direction_asymmetry import DirectionAsymmetry
 from piezo_rig.causes.drive_clipping import DriveClipping
@@ -224,7 +224,7 @@ def _direction_asymmetry(stage: Stage, at: Place) -> Part:
 
 def _creep(stage: Stage, at: Place) -> Part:
     assert isinstance(stage, Creep)
-    pairs = [decay_and_hold(at.period_s, float(t)) for t in TIMES_S]
+    pairs = [decay_and_hold(at.period_s, float(t)) for t in stage.times_s]
     n, name = len(pairs), f"{at.name}_{at.index}"
     total = number(float(stage.shares.sum()))
     off, before, start = at.own("off"), at.own("before"), at.own("start")

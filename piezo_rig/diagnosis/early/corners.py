@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from piezo_rig.diagnosis.between import Denser, denser
 from piezo_rig.diagnosis.groups import Group, Groups
 from piezo_rig.diagnosis.noise import Spectrum, Whitener, spectrum_of
 from piezo_rig.run_file.sweep import Sweep
@@ -29,12 +30,23 @@ STEPS = 4.0  # least noise: a digitizer's step over this
 
 @dataclass(frozen=True, eq=False)
 class Watched:
-    """One drive, its monitor averaged over the recordings that have one, and where to look."""
+    """One drive, its monitor averaged over the recordings that have one, and where to look.
+
+    ``dense`` : the drive with points between samples
+    """
 
     time_s: FloatArray
     drive_v: FloatArray
     monitor_v: FloatArray
     windows: tuple[tuple[int, int], ...]
+    dense: Denser | None = None
+
+    @property
+    def played(self) -> tuple[FloatArray, FloatArray]:
+        """Time and drive of all points that are known."""
+        if self.dense is None:
+            return self.time_s, self.drive_v
+        return self.dense.time_s, self.dense.drive_v
 
 
 @dataclass(eq=False)
@@ -140,8 +152,13 @@ class Corners:
         return np.split(rest, np.cumsum([m.size for m in self.measured])[:-1])
 
 
-def corners_of(groups: Groups, sweeps: Sequence[Sweep]) -> Corners | None:
-    """None where too few recordings have a monitor."""
+def corners_of(
+    groups: Groups, sweeps: Sequence[Sweep], between: bool = False
+) -> Corners | None:
+    """None where too few recordings have a monitor.
+
+    ``between`` : with what drives do between samples, also where it is not known that they do
+    """
     having = sum(s.drive_monitor_v is not None for s in sweeps)
     if having < NEARLY_ALL * len(sweeps):
         return None
@@ -169,7 +186,8 @@ def corners_of(groups: Groups, sweeps: Sequence[Sweep]) -> Corners | None:
         monitor = monitors[k]
         windows = _joined(sorted(at for _, j, at in chosen if j == k), g.drive_v.size)
         if monitor is not None and windows:
-            watched.append(Watched(g.time_s, g.drive_v, monitor, windows))
+            dense = denser(g.time_s, g.drive_v) if between else g.denser
+            watched.append(Watched(g.time_s, g.drive_v, monitor, windows, dense))
     return Corners(tuple(watched), 1.0 / groups.rate) if watched else None
 
 

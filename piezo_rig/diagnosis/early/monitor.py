@@ -9,7 +9,7 @@ makes monitor and sensor late alike. See docs/decisions/0023.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -68,6 +68,8 @@ class Reading:
     told : in the order in which they were found; a delay of the whole record is last
     bounds : cause that it does not show -> the smallest examples that would have shown
     settled : the delay among them, or that there is none, is the displacement's word
+    left_v : rms of the monitor that nothing explains
+    between : whether the drive plainly goes on between samples otherwise than straight
     """
 
     told: tuple[Told, ...] = ()
@@ -75,6 +77,8 @@ class Reading:
     notes: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
     settled: bool = False
+    left_v: float = np.inf
+    between: bool = False
 
 
 @dataclass(frozen=True)
@@ -104,7 +108,17 @@ def read_monitor(
     if swing < FOLLOWS * corners.span_v:
         return Reading(warnings=("the drive monitor stands still while the drive moves: it is not "
                                  "connected, or wrong; it is not used",))  # fmt: skip
-    return _Reader(corners).read(level, count)
+    found = _Reader(corners).read(level, count)
+    if all(w.dense is None for w in corners.drives):
+        finer = corners_of(groups, sweeps, between=True)
+        assert finer is not None
+        if any(w.dense is not None for w in finer.drives):
+            other = _Reader(finer).read(level, count)
+            samples = sum(b - a for w in finer.drives for a, b in w.windows)
+            gained = samples * np.log(found.left_v / other.left_v) / TWICE
+            if gained > PLAIN:
+                return replace(other, between=True)
+    return found
 
 
 @dataclass(eq=False)
@@ -133,12 +147,15 @@ class _Reader:
         """Every drive behind the laws, at any instant, in samples."""
         out: list[At] = []
         for w in self.corners.drives:
-            v = w.drive_v
+            time, v = (w.time_s, w.drive_v) if held else w.played
             for law in ("upper", "lower", SLEW):
                 if law in laws:
-                    signal = Signal(w.time_s, v, np.zeros(v.size))
+                    signal = Signal(time, v, np.zeros(v.size))
                     v = self.stage(law, laws[law]).act(signal).drive_v
-            out.append((_stairs if held else _lines)(v, laws.get(LAG, 0.0)))
+            tau, places = laws.get(LAG, 0.0), None
+            if w.dense is not None:
+                places = (time - w.time_s[0]) / self.corners.step_s
+            out.append(_stairs(v, tau) if held else _lines(v, tau, places))
         return out
 
     def guess(self, laws: dict[str, float], held: bool = False, near_s: float = 0.0) -> _Guess:
@@ -278,7 +295,8 @@ class _Reader:
                 f"the drive monitor does not follow the drive (it is off by {np.std(left):.3g} V "
                 "rms at best): another signal, or not connected; it is not used",
             ))  # fmt: skip
-        return self.told(here, chances, gain, level, count)
+        told = self.told(here, chances, gain, level, count)
+        return replace(told, left_v=max(float(np.std(left)), self.corners.least_v))
 
     def told(
         self, here: _Guess, chances: dict[str, float], gain: float, level: float, count: int
@@ -402,21 +420,30 @@ def _neighbours(grid: FloatArray, x: float) -> tuple[float, float]:
     return float(max(below)), float(min(above))
 
 
-def _lines(v: FloatArray, tau: float) -> At:
-    """Straight between samples, behind a lag of ``tau`` samples (0: none), at any instant."""
+def _lines(v: FloatArray, tau: float, places: FloatArray | None = None) -> At:
+    """Straight between points, behind a lag of ``tau`` samples (0: none), at any instant.
+
+    ``places`` : of the points, in samples; the samples themselves by default
+    """
     from piezo_rig.chain.relaxation import off
 
-    steps = np.append(np.diff(v), 0.0)
-    behind = np.zeros(v.size)  # how far the lag is behind at each sample
+    where = np.arange(float(v.size)) if places is None else places
+    wide = np.append(np.diff(where), 1.0)
+    slopes = np.append(np.diff(v), 0.0) / wide
+    behind = np.zeros(v.size)  # how far the lag is behind at each point
     if tau > 0.0:
-        behind = -off(np.arange(float(v.size)), np.ascontiguousarray(v), tau)
+        behind = -off(np.ascontiguousarray(where), np.ascontiguousarray(v), tau)
 
     def at(position: FloatArray) -> FloatArray:
-        j = np.clip(np.floor(position).astype(int), 0, v.size - 1)
-        since = np.clip(position - j, 0.0, 1.0)
-        here = v[j] + since * steps[j]
+        if places is None:
+            j = np.floor(position).astype(int)
+        else:
+            j = np.searchsorted(places, position, side="right") - 1
+        j = np.clip(j, 0, v.size - 1)
+        since = np.clip(position - where[j], 0.0, wide[j])
+        here = v[j] + since * slopes[j]
         if tau > 0.0:
-            here = here - tau * steps[j] - (behind[j] - tau * steps[j]) * np.exp(-since / tau)
+            here = here - tau * slopes[j] - (behind[j] - tau * slopes[j]) * np.exp(-since / tau)
         return here
 
     return at
