@@ -110,6 +110,7 @@ class Cause(Stage):
     known_to : share of a level or a limit by which instruments agree at best: no interval of it
         is narrower
     bending : a level, beyond which a descent may begin better: elements bend to stay within it
+    leaves : share of its effect that its law may leave, rms: none is known better
     loosened : optional parameters that let go of its assumed law, and the size of an example: they
         are fitted where the effect is so large that what is left of it shows
     needs_speeds : it can be told from the model's own loop only where half loops differ in speed
@@ -136,6 +137,7 @@ class Cause(Stage):
     known_to: ClassVar[float] = 0.0
     bending: ClassVar[str] = ""
     loosened: ClassVar[Mapping[str, float]] = {}
+    leaves: ClassVar[float] = 0.05
     needs_speeds: ClassVar[bool] = False
     needs_first_rise: ClassVar[bool] = False
     needs_known_order: ClassVar[bool] = False
@@ -286,6 +288,7 @@ class FirstSpring(Cause):
     beside_one_curve: ClassVar[tuple[str, ...]] = ("offset",)
     scanned: ClassVar[tuple[str, float]] = SCANNED
     closings: ClassVar[tuple[float, ...]] = (0.0,)
+    leaves: ClassVar[float] = 0.3  # as the law fades out so does an actuator, but for its shape
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {"reach": (1e-6, np.inf)}
 
     @staticmethod
@@ -305,12 +308,21 @@ class FirstSpring(Cause):
             return []
         return [self.with_values(offset=0.01 * context.span_v / context.travel_um)]
 
+    def otherwise(self) -> list[Stage]:
+        """With the spring's force carried over turning points, or without; see `Reaching`."""
+        if "carries" not in self.optional or "reach" not in self.parameters:
+            return []
+        carries = "carries" in self.parameters and self["carries"] > 0
+        return [self.with_values(carries=float(not carries), closing=0.0)]
+
     @classmethod
     def variants(cls, context: Context) -> list[list[Stage]]:
         size = 0.01 * context.span_v / context.travel_um
+        every = forms(context, cls.closings)
+        if "carries" in cls.optional:
+            every += [f | {"carries": 1.0} for f in forms(context, (0.0,), (0.0,))]
         return [
-            [cls.of(None, slope=size / context.span_v, offset=0.0, **form)]
-            for form in forms(context, cls.closings)
+            [cls.of(None, slope=size / context.span_v, offset=0.0, **form)] for form in every
         ]
 
 
@@ -331,6 +343,7 @@ def reaching(stage: Stage, branches: Branches, law: Law) -> Branches:
     if "reach" in stage.parameters:
         closing = stage["closing"] if "closing" in stage.parameters else 0.0
         tapered = "taper" in stage.parameters and stage["taper"] > 0
-        own = Reaching(stage["reach"], law, closing, tapered)
+        carries = "carries" in stage.parameters and stage["carries"] > 0
+        own = Reaching(stage["reach"], law, closing, tapered, carries)
         return replace(branches, reaching=(*branches.reaching, own))
     return replace(branches, laws=(*branches.laws, law))

@@ -17,7 +17,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import ClassVar
 
-from piezo_rig.causes.cause import FirstSpring
+from piezo_rig.causes.cause import GIVEN, REACHING, FirstSpring
 from piezo_rig.chain.branches import FloatArray
 from piezo_rig.chain.half_loops import HalfLoops
 
@@ -31,6 +31,8 @@ class ExtremumDependence(FirstSpring):
         "first rise": 0.25,
     }  # fmt: skip
 
+    optional: ClassVar[Mapping[str, str]] = {**REACHING, "carries": "1"}
+    given: ClassVar[tuple[str, ...]] = (*GIVEN, "carries")
     closings: ClassVar[tuple[float, ...]] = (0.0, 1.0)
 
     @staticmethod

@@ -37,8 +37,8 @@ class RangeDependence(FirstSpring):
         "first rise": 0.25,
     }  # fmt: skip
 
-    optional: ClassVar[Mapping[str, str]] = {**REACHING, "ties": "1"}
-    given: ClassVar[tuple[str, ...]] = (*GIVEN, "ties")
+    optional: ClassVar[Mapping[str, str]] = {**REACHING, "ties": "1", "carries": "1"}
+    given: ClassVar[tuple[str, ...]] = (*GIVEN, "ties", "carries")
 
     def shape(self, branches: Branches) -> Branches:
         keeps = self.parameters["ties"].value > 0 if "ties" in self.parameters else False

@@ -91,12 +91,15 @@ class Reaching:
     closing : share of the volts that the law adds up to the reach which is taken back until
         twice the reach; with 1 a loop closes although its two half loops differ
     tapered : whether the law fades out linearly until twice the reach, instead of ending at it
+    carries : whether the spring keeps its force over a turning point: what turns it round is then
+        half of what the half loop before has left in it, and half of what it will leave
     """
 
     reach_um: float
     law: Law
     closing: float = 0.0
     tapered: bool = False
+    carries: bool = False
 
     @cached_property
     def _ends_um(self) -> FloatArray:
@@ -234,6 +237,8 @@ class Branches:
             shares = r.shares(ends)
             here = slice(shares.size)
             change = shares[:, None] * (r.law(slopes[here], loops) - slopes[here])
+            if r.carries:
+                change[:, 1:] -= 0.5 * np.diff(change, axis=1)
             slopes[here] += change
             if r.closing > 0:
                 slopes[r.taken_back(ends)] -= r.closing / r.last_um * (widths[here] @ change)

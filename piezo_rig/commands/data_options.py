@@ -102,8 +102,9 @@ def load_data(
 
     sweeps: list[Sweep] = []
     hashes: dict[str, str] = {}
-    shown = distinct_names([Path(name) for name in args.data])
-    recordings = [p for p in args.data if not is_run(p)]
+    given = _once(args.data, warned)
+    shown = distinct_names([Path(name) for name in given])
+    recordings = [p for p in given if not is_run(p)]
     by_recording: dict[str, list[Sweep]] = {}
     if recordings:
         imported = read_recordings_as_said(recordings, args)
@@ -113,7 +114,7 @@ def load_data(
             assumed += imported.assumptions
         for sweep in imported.sweeps:
             by_recording.setdefault(sweep.source, []).append(sweep)
-    for name in args.data:
+    for name in given:
         path = Path(name)
         if name in recordings:
             continue
@@ -137,6 +138,25 @@ def load_data(
     if len(args.data) > 1:
         sweeps = [s.with_(name=f"sweep_{i + 1:04d}") for i, s in enumerate(sweeps)]
     return sweeps, hashes
+
+
+def _once(names: Sequence[str], warned: list[str] | None) -> list[str]:
+    """Every file once, in the order given: a copy is no repeat."""
+    from pathlib import Path
+
+    files: dict[Path, str] = {}
+    copies: dict[str, None] = {}
+    for name in names:
+        if (path := Path(name).resolve()) in files:
+            copies[name] = None
+        else:
+            files[path] = name
+    for name in copies:
+        said = f"{name}: given more than once, read once: a copy is no repeat"
+        print(f"warning: {said}")
+        if warned is not None:
+            warned.append(said)
+    return list(files.values())
 
 
 def load_while(

@@ -36,8 +36,9 @@ FloatArray = NDArray[np.float64]
 
 # Scalars: drive that the sliders see, displacement of the springs, virgin drive, where the half
 # loop began that counts, its extreme so far, drive as commanded, displacement at the first sample,
-# length of the last step; of a try: drive seen, displacement of the springs.
-SEEN, SPRINGS, ORIGIN, BEGUN, EXTREME, DRIVE, ZERO, STEP, TRY_SEEN, TRY_SPRINGS = range(10)
+# length of the last step, where the half loop before began; of a try: drive seen, displacement of
+# the springs.
+SEEN, SPRINGS, ORIGIN, BEGUN, EXTREME, DRIVE, ZERO, STEP, BEFORE, TRY_SEEN, TRY_SPRINGS = range(11)
 # Turning points remembered, way that the sliders last went (-1, 0, 1), way of the half loop that
 # counts; of a try: turning points and band after it, whether a slope of the branch is not positive.
 DEPTH, WAY, LOOP_WAY, TRY_DEPTH, TRY_BAND, TRY_BAD = range(6)
@@ -73,7 +74,7 @@ def new_state(tables: Tables, room: int = 64) -> State:
     """An empty state, with room for that many turning points."""
     m, e = tables.kinds.size, tables.widths_um.size
     return State(
-        np.zeros(10), np.zeros(6, np.int64), np.zeros((m, MEMORY)), np.zeros((m, MEMORY)),
+        np.zeros(11), np.zeros(6, np.int64), np.zeros((m, MEMORY)), np.zeros((m, MEMORY)),
         np.zeros((m, NUMBERS)), np.zeros(room), np.zeros((room, e)), np.zeros((room, e)),
         np.zeros(room + 1, np.int64),
     )  # fmt: skip
@@ -114,6 +115,7 @@ def start(t, s, drive):
     s.scalars[SEEN] = w
     s.scalars[ORIGIN] = w
     s.scalars[BEGUN] = w
+    s.scalars[BEFORE] = np.nan
     s.scalars[EXTREME] = w
     s.scalars[DRIVE] = drive
     s.scalars[ZERO] = x
@@ -207,12 +209,17 @@ def _springs(t, s, seen):
 @numba.njit(cache=True)
 def _branch(t, s, row, here, rising):
     """The branch that begins here, written where no turning point is remembered yet."""
-    range_v = abs(here - s.scalars[BEGUN])
+    begun = s.scalars[BEGUN]
+    range_v = abs(here - begun)
+    range_before = abs(begun - s.scalars[BEFORE])
+    if np.isnan(range_before):  # the first half loop has no range before it but its own
+        range_before = range_v
+    more = t.per_volt[rising]
     s.turn[row] = here
     volts = 0.0
     for k in range(t.widths_um.size):
-        slope = t.slopes[rising, k] + range_v * t.per_range[rising, k]
-        slope += here * t.per_extremum[rising, k]
+        slope = t.slopes[rising, k] + range_v * more[0, k] + here * more[1, k]
+        slope += range_before * more[2, k] + begun * more[3, k]
         if not slope > 0.0:
             s.counts[TRY_BAD] = 1
             slope = 1e-9
@@ -232,6 +239,7 @@ def take(t, s, drive):
             s.scalars[EXTREME] = seen
         elif abs(beyond) > t.dead_band_v:
             if s.counts[LOOP_WAY] != 0:
+                s.scalars[BEFORE] = s.scalars[BEGUN]
                 s.scalars[BEGUN] = s.scalars[EXTREME]
             s.counts[LOOP_WAY] = 1 if beyond > 0.0 else -1
             s.scalars[EXTREME] = seen

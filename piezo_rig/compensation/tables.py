@@ -1,8 +1,8 @@
 """A model as plain arrays: what its machine (`machine.py`) reads and never writes.
 
-The laws of the first spring are affine in what a half loop remembers, its range and the drive at
-its turning point, for each direction. So a branch is three tables: what it is without either, and
-what each volt of the two adds.
+The laws of the first spring are affine in what a half loop remembers, the range before it and the
+drive at its turning point, and in the same of the half loop before, for each direction. So a branch
+is five tables: what it is without any of those, and what each volt of the four adds.
 """
 
 from __future__ import annotations
@@ -35,7 +35,8 @@ class Tables(NamedTuple):
     widen : index of the operation that acts on what sliders see, or -1
     init_knots_v, init_compliance : (n0 - 1,) and (n0,), the first rise
     widths_um : shape (e,), of the early bands of a later branch
-    slopes, per_range, per_extremum : shape (2, e), V/um, and what a volt adds; falling, rising
+    slopes : shape (2, e), V/um; falling, rising
+    per_volt : shape (2, 4, e), what a volt of range, of extremum, and of the half loop before adds
     rest_knots_v, rest_compliance : the later branch after its early bands
     first_compliance : um/V, of the first spring where sliders do not see the drive itself
     dead_band_v : reversals up to that are not counted as half loops
@@ -51,8 +52,7 @@ class Tables(NamedTuple):
     init_compliance: FloatArray
     widths_um: FloatArray
     slopes: FloatArray
-    per_range: FloatArray
-    per_extremum: FloatArray
+    per_volt: FloatArray
     rest_knots_v: FloatArray
     rest_compliance: FloatArray
     first_compliance: float
@@ -82,7 +82,7 @@ def tables_of(model: Model, steady: bool, dead_band_v: float = ROUNDING_V) -> Ta
     InputError : a stage without such a form, or a law that is not affine
     """
     branches = model.branches()
-    slopes, per_range, per_extremum, widths, rest = _branch(branches)
+    slopes, per_volt, widths, rest = _branch(branches)
     kinds: list[int] = []
     rows: list[FloatArray] = []
     drives, widen = 0, -1
@@ -113,30 +113,35 @@ def tables_of(model: Model, steady: bool, dead_band_v: float = ROUNDING_V) -> Ta
     return Tables(
         np.array(kinds, np.int64), numbers, caps, drives, widen,
         branches.initiation.knots_v, branches.initiation.compliance_um_per_v,
-        widths, slopes, per_range, per_extremum, rest.knots_v, rest.compliance_um_per_v,
+        widths, slopes, per_volt, rest.knots_v, rest.compliance_um_per_v,
         1.0 / branches.first_slope_v_per_um, dead_band_v, branches.keeps_ties,
     )  # fmt: skip
 
 
-def _branch(
-    branches: Branches,
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, Curve]:
-    """Slopes, their growth per volt of range and of extremum, widths of the bands, and the rest."""
-    tried = [(r, x, d) for d in (-1.0, 1.0) for r, x in ((0.0, 0.0), (1.0, 0.0), (0.0, 1.0),
-                                                           (37.0, -23.0))]  # fmt: skip
-    range_v, extremum_v, direction = (np.array(column) for column in zip(*tried, strict=True))
-    index = np.arange(len(tried))
+def _branch(branches: Branches) -> tuple[FloatArray, FloatArray, FloatArray, Curve]:
+    """Slopes, what they grow by per volt of what is remembered, widths of the bands, the rest."""
+    some = np.array([37.0, -23.0, 11.0, -5.0])
+    tried = np.vstack([np.zeros(4), np.eye(4), some])
+    every = np.vstack([tried, tried])
+    way = np.repeat([-1.0, 1.0], len(tried))
+    # every half loop behind the one before it
+    range_v, extremum_v, direction = (
+        np.column_stack(pair).ravel()
+        for pair in ((every[:, 2], every[:, 0]), (every[:, 3], every[:, 1]), (-way, way))
+    )
+    index = np.arange(range_v.size)
     bands = branches.bands(HalfLoops(index, index + 1, range_v, extremum_v, direction), False)
     rows = bands.early_slopes_v_per_um
-    if not branches.has_laws:
-        rows = np.repeat(rows[:1], len(tried), axis=0)
-    slopes = rows[[0, 4]]
-    per_range, per_extremum = rows[[1, 5]] - slopes, rows[[2, 6]] - slopes
-    foretold = slopes + 37.0 * per_range - 23.0 * per_extremum
-    if not np.allclose(foretold, rows[[3, 7]], rtol=1e-9, atol=1e-9 * np.abs(rows).max()):
+    rows = rows[1::2] if branches.has_laws else np.repeat(rows[:1], len(every), axis=0)
+    each = rows.reshape(2, len(tried), -1)
+    slopes = each[:, 0]
+    per_volt = each[:, 1:-1] - slopes[:, None]
+    if not np.allclose(slopes + np.einsum("k,dke->de", some, per_volt), each[:, -1],
+                       rtol=1e-9, atol=1e-9 * np.abs(rows).max()):  # fmt: skip
         raise InputError(
             "law-not-affine", "a law of the first spring is not a straight line over its history",
             "the model was written by a newer version", "use the version that wrote it",
         )
-    edges = np.diff(bands.early_knots_v[:1], axis=1, prepend=0.0)[0]
-    return slopes, per_range, per_extremum, edges / rows[0], bands.rest
+    knots = bands.early_knots_v[1] if branches.has_laws else bands.early_knots_v[0]
+    edges = np.diff(knots, prepend=0.0)
+    return np.ascontiguousarray(slopes), np.ascontiguousarray(per_volt), edges / rows[0], bands.rest

@@ -27,7 +27,7 @@ from piezo_rig.diagnosis.checks import (
     further_off,
 )
 from piezo_rig.diagnosis.claimed import final_model, parameters_of
-from piezo_rig.diagnosis.climbed import PERIODIC, Climbed, climbed
+from piezo_rig.diagnosis.climbed import PERIODIC, climbed
 from piezo_rig.diagnosis.confusion import confusion
 from piezo_rig.diagnosis.early import (
     HUM,
@@ -153,8 +153,8 @@ def _diagnosed(
     (found_early, point), reading = both(start.space, cleaned, heard, [raw, *start.parts])
     if reading is not None and reading.between and between is None:
         model = start.point.model
-        for told in reading.told:
-            model = model.with_stage(told.stage)
+        for seen in reading.told:
+            model = model.with_stage(seen.stage)
         return turned_between(model)
     clean = raw
     if found_early:
@@ -354,9 +354,15 @@ def _rungs(
 
 
 def _by_laws_nm(rungs: Sequence[Rung]) -> float:
-    """Rms error that causes with a law have taken away; tables and bends fit whatever there is."""
+    """Rms error that causes with a law may have left of what they took; tables and bends fit
+    whatever there is.
+    """
+    def leaves(cause: str) -> float:
+        kind = CAUSES[cause]
+        return kind.leaves if issubclass(kind, Cause) else 0.0
+
     square = sum(
-        max(before.rms_nm**2 - after.rms_nm**2, 0.0)
+        leaves(after.added) ** 2 * max(before.rms_nm**2 - after.rms_nm**2, 0.0)
         for before, after in pairwise(rungs)
         if after.added not in NO_FINDINGS and not CAUSES[after.added].has_elements
         and after.added not in EVENTS

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.linalg import lapack
 
 from piezo_rig.causes.cause import Cause
-from piezo_rig.chain import Model, Stage
+from piezo_rig.chain import Model
 from piezo_rig.diagnosis.columns import near_to, numbers_of
 from piezo_rig.diagnosis.fit import Point, smoothness
 from piezo_rig.diagnosis.likelihood import Likelihood

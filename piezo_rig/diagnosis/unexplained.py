@@ -25,7 +25,6 @@ WORDS = ("drive", "displacement", "direction", "range", "time_since_turn", "cycl
          "frequency")  # fmt: skip
 LINES = 0.2  # of the false alarms that a line may take, and a gain
 SEEN = 0.1  # of the noise floor: an unsteady gain that is worth a word
-OF_LAWS = 0.05  # of what accepted causes explain, up to the noise: no law is known better
 SHARE = 0.2  # of the structured power that a tag must carry to be named
 # of the noise, that structure must exceed: where it was measured between repeats, and where it was
 # estimated from what is left, so that slow noise and slow structure are told apart by assumption
@@ -49,7 +48,7 @@ class Unexplained:
 
 
 def unexplained(
-    space: Space, fitted: Fitted, noise_nm: float, explained_nm: float, rng: np.random.Generator,
+    space: Space, fitted: Fitted, noise_nm: float, of_laws_nm: float, rng: np.random.Generator,
     held_out_nm: float,
 ) -> Unexplained:
     """Likelihood ratio of the dictionary's scale against its null, and what carries it.
@@ -57,8 +56,7 @@ def unexplained(
     Parameters
     ----------
     noise_nm : of one recording; the noise floor, if there is one
-    explained_nm : rms that causes with an assumed law have taken off the error; of that some must
-        be left
+    of_laws_nm : rms that causes with an assumed law may have left of themselves; up to the noise
     held_out_nm : error for what was left out. If that were recordings whose repeats were not, all
         that it has beyond the noise floor is something that repeats agree on, whatever it looks
         like; what fine thresholds take in is no longer looked at otherwise
@@ -76,7 +74,7 @@ def unexplained(
     fine_gram = gram[bends : bends + fines, bends : bends + fines]
     rms = 1e3 * float(np.sqrt(max(float(generic @ generic_gram @ generic), 0.0) / samples))
     mismatch = 1e3 * float(np.sqrt(max(float(fine @ fine_gram @ fine), 0.0) / samples))
-    known, of_laws = _known_nm(space, noise_nm), min(OF_LAWS * explained_nm, noise_nm)
+    known, of_laws = _known_nm(space, noise_nm), min(of_laws_nm, noise_nm)
     travel_nm = 1e3 * space.groups.travel_um
     of_drive = _of_drive_nm(space)
     least = LEAST if all(g.repeats > 1 for g in space.groups.groups) else LEAST_ALONE

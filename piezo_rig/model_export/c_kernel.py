@@ -26,7 +26,11 @@ HISTORY = {RangeDependence: "range", ExtremumDependence: "extremum"}  # variable
 
 
 def law_of(stage: Stage, slope: str) -> str | None:
-    """What a stage's law makes of a slope, as C; None for a stage whose law is not known here."""
+    """What a stage's law makes of a slope, as C; None for a stage whose law is not known here, or
+    hangs on the half loop before as well.
+    """
+    if "carries" in stage.parameters and stage["carries"] > 0:
+        return None
     if isinstance(stage, FirstSpring) and type(stage) in HISTORY:
         history = HISTORY[type(stage)]
         return f"{slope} + {number(stage['slope'])} * {history} + {number(stage['offset'])}"

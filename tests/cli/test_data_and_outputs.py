@@ -183,3 +183,15 @@ def test_sums_do_not_depend_on_the_threads_that_an_environment_asks_for():
         env=os.environ | dict.fromkeys(names, "4"),
     )  # fmt: skip
     assert done.stdout.strip() == "['1', '1', '1']"
+
+
+def test_a_file_that_is_given_more_than_once_is_read_once(tmp_path, recording, capsys):
+    other = tmp_path / "link.csv"
+    other.symlink_to(recording)
+    for out, words in (("once", [recording]), ("thrice", [recording, recording, str(other)])):
+        assert main(["identify", *words, "--model", "classical", "--elements", "30",
+                     "--history", "virgin", "--out", str(tmp_path / f"{out}.json")]) == 0
+        said = capsys.readouterr().out
+        assert said.count("given more than once, read once") == 2 * (out == "thrice")
+    once, thrice = (json.loads((tmp_path / f"{n}.json").read_text()) for n in ("once", "thrice"))
+    assert once["stages"] == thrice["stages"]
