@@ -12,6 +12,7 @@ import numba
 
 SMALLEST_V = 1e-9  # what moves less stands still: it is the rounding of a solution
 MEMORY = 52  # floats that an operation remembers at most: the stops of an asymmetry, and more
+CREPT_AT, CREPT_FROM = MEMORY - 2, MEMORY - 1  # of a creep: where it is, where it began
 
 # of `Operation`; compiled code reads plain numbers
 GAIN, CLIP, SLEW, LAG, WIDEN, BEND, DRAG, RELAX, MODE, AGE, STOP = range(11)
@@ -42,7 +43,7 @@ def begin(kind, n, new, x, drive):
     if kind == BEND:
         return x + _bend(n, drive)
     if kind == RELAX:
-        new[12] = x
+        new[CREPT_FROM] = x
         return x
     if kind == MODE:
         new[3] = x
@@ -187,15 +188,15 @@ def _bent_drive(n, drive):
 @numba.njit(cache=True)
 def _relax(n, cache, old, new, x):
     m = int(n[0])
-    here = x - old[12]
-    moved = here - old[11]
+    here = x - old[CREPT_FROM]
+    moved = here - old[CREPT_AT]
     total = 0.0
     for k in range(m):
-        q = here - moved * cache[m + k] + (old[k] - old[11]) * cache[k]
+        q = here - moved * cache[m + k] + (old[k] - old[CREPT_AT]) * cache[k]
         new[k] = q
         total += n[1 + m + k] * q
-    new[11] = here
-    new[12] = old[12]
+    new[CREPT_AT] = here
+    new[CREPT_FROM] = old[CREPT_FROM]
     return total
 
 

@@ -28,6 +28,8 @@ STRAIGHT = 0.02  # change of the drive per sample, by which it may change on a s
 BENT = 0.2  # of the larger change, by which it must change at a corner
 INSIDE = 0.02  # of a sample, by which a corner must be away from one
 CURVED = 5e-5  # of the span, off a straight line between two samples
+MOSTLY = 0.3  # of where it bends that it must do so smoothly
+LESS = 0.05  # of that: what is curved by less is taken for straight
 PARTS = np.array([0.25, 0.5, 0.75])  # of a sample, where a curve is followed
 SEEN = 5.0  # times what noise would do, for a look at what they are worth
 PLAINLY = 10.0  # log-likelihood
@@ -94,16 +96,19 @@ def _curve(time_s: FloatArray, drive_v: FloatArray) -> tuple[Points, FloatArray]
     """Times and volts (k,) between samples, where a smooth drive is off a straight line; and the
     drive (n,), as little off itself as straight lines between those points are off its mean.
 
-    The least second difference about an interval counts, if all have one sign: at a corner, and in
-    noise, they have not.
+    The least second difference about an interval counts, if all have one sign: at a corner, and
+    mostly in noise, they have not.
     """
     bend = np.diff(drive_v, 2)  # about samples 1, 2, ..
     if bend.size < 4:
         return (np.zeros(0), np.zeros(0)), drive_v
     four = np.lib.stride_tricks.sliding_window_view(bend, 4)  # about interval 2, 3, ..
     least = np.where(np.all(four * four[:, :1] > 0.0, axis=1), np.min(np.abs(four), axis=1), 0.0)
-    near = least > 0.5 * np.max(np.abs(four), axis=1)
-    at = np.flatnonzero(near & (least > 8.0 * CURVED * float(np.ptp(drive_v)))) + 2
+    most, largest = float(least.max()), np.max(np.abs(four), axis=1)
+    plain = largest > 8.0 * CURVED * float(np.ptp(drive_v))
+    if not np.sum(least[plain] > 0.5 * largest[plain]) > MOSTLY * np.sum(plain):
+        return (np.zeros(0), np.zeros(0)), drive_v
+    at = np.flatnonzero((least > LESS * most) & (least > LESS * largest)) + 2
     # the third-order curve through four samples
     a, b, c, d = (drive_v[at + k][:, None] for k in (-1, 0, 1, 2))
     s = PARTS

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from piezo_rig.causes.creep import SHARES, Creep, mean_rate
+from piezo_rig.causes.creep import FAST, SHARES, Creep, mean_rate
+from piezo_rig.chain import Signal
 
 
 def test_rates_that_agree_are_weighed_by_what_is_known_of_each():
@@ -44,3 +45,21 @@ def test_a_creep_without_shares_of_its_own_keeps_its_interval():
     model = Creep.of(None, rate_per_decade=0.02)
     said = model.reported(np.array([[1e-6]]))
     assert said["rate_per_decade"].ci95 == pytest.approx((0.02 - 1.96e-3, 0.02 + 1.96e-3))
+
+
+def test_what_relaxes_before_10_ms_does_so_by_its_own_shares_and_is_no_part_of_the_rate():
+    shares = dict.fromkeys(SHARES, 1.0) | {"share_1ms": 0.6, "share_3.2ms": 0.3}
+    model = Creep.of(None, rate_per_decade=0.02, **shares)
+    time = np.arange(400) * 1e-4
+    step = np.where(time > 0.0, 1.0, 0.0)
+    more = model.act(Signal(time, step, step)).displacement_um
+    less = Creep.of(None, rate_per_decade=0.02).act(Signal(time, step, step)).displacement_um
+    # half of the rate for each, two to a decade; a ramp over the first step, then relaxing on
+    h, held, expected = 1e-4, time[:-1], 0.0
+    for tau, share in ((1e-3, 0.6), (10**-2.5, 0.3)):
+        lag = 1.0 - tau / h * -np.expm1(-h / tau)
+        expected = expected + 0.5 * 0.02 * share * (1.0 - (1.0 - lag) * np.exp(-held / tau))
+    assert more[1:] - less[1:] == pytest.approx(expected, abs=1e-12)
+    said = model.reported(1e-4 * np.eye(14))
+    assert said["rate_per_decade"].value == pytest.approx(0.02)
+    assert [said[n].value for n in FAST] == pytest.approx([0.6, 0.3])

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from piezo_rig.causes.creep import SHARES
+from piezo_rig.causes.creep import FAST, SHARES
 from piezo_rig.chain import Elements, Maxwell, Model
 from piezo_rig.compensation import Bounds, OutOfReach, Stepper
 from piezo_rig.errors import InputError
@@ -43,8 +43,12 @@ def followed(model, time, target, first=0.0):
     form=st.sampled_from([{"widens": 0.0}, {"widens": 1.0}, {"settles": 1.0}]),
     along=st.sampled_from([{}, {"moves_along": 1.0}]),
     exponent=st.sampled_from([0.5, 1.0]), first=st.sampled_from([0.0, 20.0]),
-    reach=st.sampled_from([{}, {"reach": 0.3, "ties": 0.0}, {"reach": 0.3, "ties": 1.0}]),
-    shares=st.sampled_from([{}, {n: 0.2 * k for k, n in enumerate(SHARES)}]),
+    reach=st.sampled_from([
+        {}, {"reach": 0.3, "ties": 0.0}, {"reach": 0.3, "ties": 1.0},
+        {"reach": 0.3, "carries": 1.0}, {"reach": 0.3, "taper": 1.0, "carries": 1.0, "ties": 1.0},
+    ]),
+    shares=st.sampled_from([{}, {n: 0.2 * k for k, n in enumerate(SHARES)},
+                            {n: 0.1 * k for k, n in enumerate(FAST + SHARES)}]),
     closes=st.sampled_from([
         {}, {"closing": 1.0}, {"closing": 1.0, "taper": 1.0},
         {"closing": 1.0, "taper": 2.0, "from_below": 1.0}, {"closing": 1.0, "taper": 4.0},

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from piezo_rig.causes import CAUSES
-from piezo_rig.chain import Elements, Maxwell, Model
+from piezo_rig.chain import Elements, Maxwell, Model, Signal
 from piezo_rig.diagnosis import diagnose
 from piezo_rig.diagnosis.between import denser
 from piezo_rig.run_file.sweep import Sweep
@@ -44,12 +44,36 @@ def test_lines_meet_where_the_drive_turned(high, hz):
 
 @pytest.mark.parametrize("drive", [
     lambda t: triangle(t, 75.0, 2.0), lambda t: 37.5 * (1.0 - np.cos(2.0 * np.pi * 7.3 * t)),
-    lambda t: np.minimum(300.0 * t, 50.0), lambda t: 0.0 * t,
+    lambda t: np.minimum(240.0 * t, 60.0), lambda t: 0.0 * t,
     lambda t: np.random.default_rng(1).uniform(0.0, 75.0, t.size),
 ])  # fmt: skip
 def test_nothing_is_added_where_no_straight_lines_meet_between_samples(drive):
     time = np.arange(2000) / RATE
     assert denser(time, drive(time)) is None
+
+
+def test_a_ramp_begins_and_ends_where_its_line_meets_the_holds():
+    time = np.arange(2000) / RATE
+    found = denser(time, np.clip(300.0 * (time - 0.10013), 0.0, 50.0))
+    there = found.time_s[~found.given], found.drive_v[~found.given]
+    assert there[0] == pytest.approx([0.10013, 0.10013 + 50.0 / 300.0], abs=1e-9)
+    assert there[1] == pytest.approx([0.0, 50.0], abs=1e-9)
+
+
+@pytest.mark.parametrize("tau", [2e-5, 7e-5, 3e-4])
+def test_a_lag_behind_a_fast_sine_is_that_of_the_sine(tau):
+    time, w = np.arange(5000) / 5000.0, 2.0 * np.pi * 60.0
+    drive = 37.5 * np.sin(w * time)
+    found = denser(time, drive)
+    lag = CAUSES["amplifier-lag"].of(None, tau=tau)
+
+    def error(t, v, given):
+        seen = lag.act(Signal(t, v, np.zeros(t.size))).drive_v[given][500:-3]
+        lagging = 37.5 * np.imag(np.exp(1j * w * time) / (1.0 + 1j * w * tau))[500:-3]
+        return float(np.abs(seen - lagging).max())
+
+    assert error(*found) < 3e-3
+    assert error(*found) < 0.2 * error(time, drive, np.ones(time.size, bool))
 
 
 def test_a_slew_limit_turns_where_it_meets_the_drive():

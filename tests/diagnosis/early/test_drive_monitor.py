@@ -245,3 +245,30 @@ def test_a_lag_in_the_monitor_is_the_amplifiers_and_the_command_line_says_so(tmp
     low, high = finding["parameters"]["tau"]["ci95"]
     assert abs(TAU - 0.5 * (low + high)) < high - low
     assert any(s["id"] == "amplifier-lag" for s in json.loads(model.read_text())["stages"])
+
+
+@pytest.mark.parametrize("tau", [7e-5, 4e-4])
+def test_a_lag_behind_ramps_that_begin_between_samples_is_read_as_it_is(plain, tau):
+    rng, fine = np.random.default_rng(8), 40
+    at, volts = [0.0, 0.1], [0.0, 0.0]
+    while at[-1] < 3.9:
+        level = (volts[-1] + rng.uniform(20.0, 50.0)) % 70.0
+        at += [at[-1] + abs(level - volts[-1]) / 3000.0, at[-1] + 0.1]
+        volts += [level, level]
+    time = np.arange(int(4.0 * RATE) * fine) / (RATE * fine)
+    drive = np.interp(time, at, volts)
+    behind, share = np.empty(time.size), -np.expm1(-1.0 / (RATE * fine * tau))
+    behind[0] = drive[0]
+    for k in range(1, time.size):
+        middle = 0.5 * (drive[k] + drive[k - 1])
+        behind[k] = behind[k - 1] + (middle - behind[k - 1]) * share
+    drive, behind = drive[::fine], behind[::fine]
+    sweep = plain[0].with_(
+        command_v=(drive - 75.0) / 7.5, sensor_v=-0.1 * drive / 15.48, zero_v=0.0,
+        drive_monitor_v=behind + 2e-3 * rng.standard_normal(drive.size),
+    )
+    found = read([sweep])
+    assert found.between
+    (told,) = found.told  # and no delay beside it
+    assert told.stage.id == "amplifier-lag"
+    assert told.stage["tau"] == pytest.approx(tau, rel=5e-3)
