@@ -2,7 +2,8 @@
 
 Physics: which domains can switch back depends on the field at which the
 motion reversed. Thesis section 3.1(b), eq. 9-10: k_1 = slope x F_extre +
-offset, with the displacement at which the first element gives way unchanged.
+offset, with the displacement at which the first element gives way unchanged. The spring may keep
+its force over a turning point (``carries`` 1), as springs and sliders do, or begin anew (0).
 
 Shows as: half loops that begin at different drives differ right after the
 turning point although their ranges agree.

@@ -9,6 +9,10 @@ Shows as: half loops that differ right after the turning point, in order of
 the range before them. At one fixed frequency the slew rate is proportional to
 the range, so rate dependence looks much the same.
 
+A spring that becomes another one at a turning point may keep its force there, as springs and
+sliders do (``carries`` 1): it is turned round from what the half loop before has left in it. By the
+branches of the thesis it begins anew (0).
+
 What becomes of a loop that the drive closes exactly, and not beyond, no law says: forgotten
 (``ties`` 0), or its older branch taken up again further on (1). With a law it shows.
 

@@ -34,6 +34,7 @@ from piezo_rig.diagnosis.scan import LATER, LEVEL, RUN_OFF, Found, Scan, of_base
 from piezo_rig.diagnosis.scores import score_generic
 from piezo_rig.diagnosis.space import Space
 from piezo_rig.diagnosis.spare import AMISS, NEEDED, clear, faint, idle, one_by_one, prune
+from piezo_rig.diagnosis.wandering import wanders
 
 FloatArray = NDArray[np.float64]
 MOST = 8  # findings
@@ -398,6 +399,8 @@ class Search:
 
     def of_a_law(self, fitted: Fitted, id: str) -> str | None:
         """Why a small effect is refused beside a large one whose law is only assumed."""
+        if (wandering := wanders(self.space, fitted, id)) is not None:
+            return wandering
         kind, model = CAUSES[id], fitted.point.model
         own, groups = model.stage(id), self.space.groups
         if isinstance(own, Cause):
