@@ -47,6 +47,7 @@ class Context:
     noise_v : what was taken out of the drive
     cycles_before : most cycles that were played in recordings before one
     first_rises : whether any recording begins virgin and rises
+    holds : whether the drive stops and stands still again and again
     """
 
     model: Model
@@ -64,6 +65,7 @@ class Context:
     noise_v: float = 0.0
     cycles_before: float = 0.0
     first_rises: bool = False
+    holds: bool = False
 
     @property
     def fastest_v_per_s(self) -> float:
@@ -78,7 +80,9 @@ class Context:
 
     @property
     def several_speeds(self) -> bool:
-        """Whether half loops differ in speed by a factor of 1.5 or more."""
+        """Whether half loops differ in speed by a factor of 1.5, or the drive moves and stands."""
+        if self.holds:
+            return True
         slews = self.slews_v_per_s
         low, high = np.percentile(slews[slews > 0.02 * slews.max()], [5, 95])
         return bool(high > 1.5 * low)

@@ -28,6 +28,8 @@ LATER = 1e-6  # for each after the first: what it is compared with has laws that
 CLOSE, RUN_OFF = 0.4, 3  # share of the best score, and how many are refitted to compare
 ALIKE = 0.25  # the same of what looks alike but beside corners
 PLAIN = 300.0  # log-likelihood above which a whole effect is looked for between its examples
+STANDS = 1e-3  # of the largest change from sample to sample, below which a drive stands still
+LEAST_HELD, MANY_STOPS, HELD_SHARE = 20, 4, 0.1  # samples; stops; of all samples
 STEEP_S = 0.002  # over which the drive's slew is taken
 VISIBLE = 3.0  # d' that the largest plausible size must reach, or the cause is not looked for
 
@@ -129,7 +131,23 @@ def context_of(space: Space, model: Model) -> Context:
         max((float(g.played.max()) for g in space.groups.groups if g.played is not None),
             default=0.0),
         space.groups.has_first_rise,
+        _holds(space.groups),
     )  # fmt: skip
+
+
+def _holds(groups: Groups) -> bool:
+    """Whether the drive stops, and stands still for long, again and again."""
+    stops, still, samples = 0, 0, 0
+    for g in groups.groups:
+        change = np.abs(np.diff(g.drive_v))
+        stands = change < STANDS * float(change.max(initial=0.0))
+        edges = np.flatnonzero(np.diff(np.concatenate([[0], stands.astype(np.int8), [0]])))
+        begins, ends = edges[::2], edges[1::2]
+        long = (ends - begins >= LEAST_HELD) & (begins > 0)
+        stops += int(long.sum())
+        still += int((ends - begins)[long].sum())
+        samples += change.size
+    return stops >= MANY_STOPS and still > HELD_SHARE * samples
 
 
 def _ends_um(groups: Groups, model: Model) -> tuple[float, float]:

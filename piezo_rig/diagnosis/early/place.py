@@ -11,6 +11,7 @@ from piezo_rig.diagnosis.early.traces import Stretch
 FloatArray = NDArray[np.float64]
 AROUND_S = 0.06  # half width of the neighbourhood
 SURE = 3.0  # log-likelihood by which other samples must be worse
+INSTANTS = 600  # that are tried at first
 STILL = 0.02  # of the usual speed
 BEND = 2  # of the polynomial that the model may be wrong by there
 
@@ -47,30 +48,44 @@ def placed(
     if cause != JUMP:  # a lag that was there before
         speed = np.gradient(predicted[begin:end])
         base = np.column_stack([base, speed])
-    steps = np.tril(np.ones((n, n))) * change[:, None]  # column i: from sample i on
-    steps = steps[:, 1:]
+    every = max(n // INSTANTS, 1)
+    tried = np.arange(1, n, every)
     off = np.diff(values) - np.median(np.diff(values))
-    rho = _correlation(values, base, steps)
-    white = [_innovations(a, rho) for a in (base, steps, values[:, None])]
-    q, _ = np.linalg.qr(white[0])
-    s, y = (a - q @ (q.T @ a) for a in white[1:])
-    left = np.sum((y - s) ** 2, axis=0)
+    rho = _correlation(values, base, _begun(change, tried))
+    q, _ = np.linalg.qr(_innovations(base, rho))
+    y = _innovations(values[:, None], rho)
+    y -= q @ (q.T @ y)
+
+    def left_by(columns: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Columns whitened and beside what is free there, and the square that each leaves."""
+        s = _innovations(columns, rho)
+        s -= q @ (q.T @ s)
+        return s, np.sum((y - s) ** 2, axis=0)
+
+    _, left = left_by(_begun(change, tried))
+    if every > 1:  # then every sample about the likeliest
+        near_to = tried[int(np.argmin(left))]
+        tried = np.arange(max(near_to - 2 * every, 1), min(near_to + 2 * every + 1, n))
+        _, left = left_by(_begun(change, tried))
     best = int(np.argmin(left))
     sigma = float(left[best]) / max(n - base.shape[1] - 1, 1)
     least = max(sigma, 1e-18, 1e-6 * float(off.var()))
     worth = 0.5 * (float(np.sum(y**2)) - left) / least
     won = float(worth[best])
     if against_model:
-        kinks = np.maximum(np.arange(n)[:, None] - np.arange(1, n - 1), 0.0) / n
-        k = _innovations(kinks, rho)
-        k = k - q @ (q.T @ k)
+        kinks = np.maximum(np.arange(n)[:, None] - np.arange(1, n - 1, every), 0.0) / n
+        k, _ = left_by(kinks)
         shares = (k.T @ y)[:, 0] ** 2 / np.maximum(np.sum(k**2, axis=0), 1e-300)
         won -= 0.5 * float(shares.max()) / least
     if won <= SURE:
         return None
-    good = np.flatnonzero(worth > worth[best] - SURE)
-    index = begin + 1 + best
-    return index, begin + 1 + int(good[0]), begin + 1 + int(good[-1]), won
+    good = begin + tried[worth > worth[best] - SURE]
+    return begin + int(tried[best]), int(good[0]), int(good[-1]), won
+
+
+def _begun(change: FloatArray, at: NDArray[np.int64]) -> FloatArray:
+    """What a break changes (n,), from each of these samples on and not before; shape (n, k)."""
+    return np.where(np.arange(change.size)[:, None] >= at, change[:, None], 0.0)
 
 
 def at_rest(
