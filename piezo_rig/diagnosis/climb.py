@@ -22,7 +22,14 @@ from piezo_rig.diagnosis.bends import BEND, bend, with_own_bend
 from piezo_rig.diagnosis.confusion import strengths
 from piezo_rig.diagnosis.detours import ONE_MORE, around, together
 from piezo_rig.diagnosis.fit import Point
-from piezo_rig.diagnosis.forms import converged, in_another_form, reached, summit
+from piezo_rig.diagnosis.forms import (
+    CARRIES,
+    carries,
+    converged,
+    in_another_form,
+    reached,
+    summit,
+)
 from piezo_rig.diagnosis.ladder import Ladder, Step
 from piezo_rig.diagnosis.likelihood import Likelihood
 from piezo_rig.diagnosis.needed import worth_needed
@@ -343,6 +350,7 @@ class Search:
         if steep or fitted.evidence - here.evidence >= FAR_BEHIND * most:
             fitted = reached(self.space, fitted, id, here)
         chance = 2.0 * found.result.null_median[i] + worth_needed(fitted, id)
+        chance += CARRIES * carries(fitted, id)
         worth = float(fitted.evidence - here.evidence - chance)
         return worth, fitted, self.error(0, fitted) if worth > 0.0 else None
 

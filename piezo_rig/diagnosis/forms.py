@@ -43,6 +43,7 @@ HELD, BY = 0.002, 0.25  # of a kink: held up at it, on one of its sides, samples
 BEYOND = (4.0, 8.0, 16.0, 32.0)  # times the noise of a sample
 UNLIKELY = 50.0  # log-likelihood that a form must not lack before its best place is looked for
 FADES = 4.0  # log-likelihood by which a law that fades out must be better
+CARRIES = 15.0  # the same of one that hangs on two half loops, by which it may look like another
 
 
 def begun_best(space: Space, point: Point, id: str, example: Stage, promised: float) -> Point:
@@ -113,7 +114,10 @@ def in_another_form(space: Space, fitted: Fitted, id: str) -> Fitted:
     stage = fitted.point.model.stage(id)
     for form in stage.otherwise() if isinstance(stage, Cause) else []:
         other = begun_in(space, fitted, form)
-        if other is not None and other.evidence > fitted.evidence + FADES:
+        needed = FADES
+        if "carries" in form.parameters:
+            needed = CARRIES if form["carries"] > 0.0 else -CARRIES
+        if other is not None and other.evidence > fitted.evidence + needed:
             fitted = other
     return fitted
 
@@ -254,9 +258,16 @@ def taper_of(fitted: Fitted, id: str) -> float:
     return stage["taper"]
 
 
+def carries(fitted: Fitted, id: str) -> bool:
+    """Whether it keeps its force over turning points: see `Reaching`."""
+    stage = fitted.point.model.stage(id)
+    return stage is not None and "carries" in stage.parameters and stage["carries"] > 0.0
+
+
 def worth_of(fitted: Fitted, id: str) -> float:
-    """Log-likelihood; a law that fades out must say more."""
-    return fitted.evidence - FADES * (taper_of(fitted, id) > 0.0)
+    """Log-likelihood; a law that fades out, or hangs on two half loops, must say more."""
+    dear = FADES * (taper_of(fitted, id) > 0.0) + CARRIES * carries(fitted, id)
+    return fitted.evidence - dear
 
 
 def summit(space: Space, fitted: Fitted, id: str) -> Fitted:
