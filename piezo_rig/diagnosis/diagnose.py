@@ -62,9 +62,11 @@ from piezo_rig.diagnosis.unexplained import (
     with_gain,
     with_levels,
     with_line,
+    with_wandering,
 )
 from piezo_rig.diagnosis.unlike import within_what_is_wrong
 from piezo_rig.diagnosis.unsteady import unsteady
+from piezo_rig.diagnosis.wandering import AGEING, WANDERS, wandering
 from piezo_rig.errors import InputError
 from piezo_rig.identification import prepare
 from piezo_rig.run_file.sweep import Sweep
@@ -296,6 +298,9 @@ def _diagnosed(
         find_line(clean, last.point.model), floor,
     )  # fmt: skip
     rest = with_gain(rest, unsteady(space.groups, space.whitener, last.point.model), floor)
+    refused = ladder.scans[-1].refused if ladder.scans else {}
+    if refused.get(AGEING) == WANDERS:
+        rest = with_wandering(rest, wandering(space, last))
     rest = with_bursts(rest, bursts(space.groups, last.point.model), floor)
     rest = with_levels(rest, levels(clean))
     advice = follow_up(space, last, confused)
@@ -304,7 +309,6 @@ def _diagnosed(
         for c in (cause, *others)
     ):
         notes.append("a recorded drive monitor would say whether it is the amplifier")
-    refused = ladder.scans[-1].refused if ladder.scans else {}
     return Diagnosis(
         len(sweeps), sum(s.samples for s in sweeps), raw.repeats, kind,
         recording_offsets(space, clean, search.first, sweeps), name, rungs, floor, findings, rest,

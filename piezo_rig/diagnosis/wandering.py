@@ -17,8 +17,10 @@ from piezo_rig.diagnosis.likelihood import Likelihood
 from piezo_rig.diagnosis.reduction import reduce
 from piezo_rig.diagnosis.refit import Fitted, settle
 from piezo_rig.diagnosis.space import Space
+from piezo_rig.diagnosis.unsteady import Unsteady
 
 AGEING = "cycle-aging"
+WANDERS = "the gain changes along the recording otherwise than with the count of its cycles"
 PARTS = 20  # of a recording, each with a gain of its own
 GAIN = 1e-4  # of an example
 PLAINLY = 30.0  # log-likelihood beyond what noise makes of them, that these gains must be worth
@@ -56,5 +58,19 @@ def wanders(space: Space, fitted: Fitted, id: str) -> str | None:
     parts = likelihood.evidence(range(len(pairs))) - likelihood.evidence() - 0.5 * len(pairs)
     told = 0.5 * fitted.point.values()[fitted.point.linear + k] ** 2 / fitted.covariance[k, k]
     if parts > told or parts > max(PLAINLY, SHARE * told):
-        return "the gain changes along the recording otherwise than with the count of its cycles"
+        return WANDERS
     return None
+
+
+def wandering(space: Space, fitted: Fitted) -> Unsteady:
+    """How far the gain of the only recording wanders, part by part, where an ageing was refused."""
+    (group,) = space.groups.groups
+    moved = group.predicted(fitted.point.model)
+    off = group.measured_um.mean(axis=0) - moved
+    edges = np.linspace(group.blocks[0][0], group.blocks[-1][1], PARTS + 1).astype(int)
+    parts = [slice(a, b) for a, b in pairwise(edges)]
+    gains = np.array([np.polyfit(moved[cut], off[cut], 1)[0] for cut in parts])
+    gains -= gains.mean()
+    square = np.array([float(np.var(moved[cut])) for cut in parts]) * gains**2
+    rms_nm = 1e3 * float(np.sqrt(square.mean()))
+    return Unsteady(0.0, float(np.sqrt(np.mean(gains**2))), rms_nm)

@@ -1,0 +1,40 @@
+"""An ageing goes with the logarithm of the count of cycles; a gain that changes otherwise does not.
+
+Recordings of one sweep, of springs and sliders that the program does not know.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from piezo_rig.diagnosis import diagnose
+from piezo_rig.run_file.sweep import Sweep
+from tests.diagnosis.sliders import play
+
+RATE, HZ, CYCLES = 1000.0, 2.0, 24
+LIMITS = np.linspace(0.5, 30.0, 40)
+
+
+def recording(gain):
+    """One sweep of triangles; ``gain(t)`` of the displacement."""
+    rng = np.random.default_rng(3)
+    time = np.arange(int(CYCLES / HZ * RATE)) / RATE
+    drive = 60.0 * (1.0 - np.abs(2.0 * ((HZ * time) % 1.0) - 1.0))
+    moved = gain(time) * play(drive, LIMITS, 0.002) + 2e-3 * rng.standard_normal(time.size)
+    return Sweep("sweep_0001", drive, moved, RATE, 1.0, 0.0, 1.0, 1, 0.0, "0-60", 1, "virgin", 0.0,
+                 "SIMULATED")  # fmt: skip
+
+
+@pytest.mark.parametrize(("gain", "ageing"), [
+    (lambda t: 1.0 - 0.01 * np.log10(1.0 + HZ * t), True),
+    (lambda t: 1.0 + 0.01 * (t > 7.3), False),
+    (lambda t: 1.0 + 0.01 * np.sin(2.0 * np.pi * t / 5.0), False),
+])  # fmt: skip
+def test_an_ageing_is_one_and_a_step_or_a_swing_is_none(gain, ageing):
+    found = diagnose([recording(gain)])
+    names = [f.cause for f in found.findings]
+    assert names == (["cycle-aging"] if ageing else [])
+    if ageing:
+        rate = found.findings[0].parameters["rate_per_decade"]
+        assert rate.ci95[0] < -0.01 < rate.ci95[1]
