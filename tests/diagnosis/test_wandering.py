@@ -28,7 +28,7 @@ def recording(gain):
 
 @pytest.mark.parametrize(("gain", "ageing"), [
     (lambda t: 1.0 - 0.01 * np.log10(1.0 + HZ * t), True),
-    (lambda t: 1.0 + 0.01 * (t > 7.3), False),
+    (lambda t: 1.0 + 0.005 * np.tanh((t - 7.3) / 0.4), False),
     (lambda t: 1.0 + 0.01 * np.sin(2.0 * np.pi * t / 5.0), False),
 ])  # fmt: skip
 def test_an_ageing_is_one_and_a_step_or_a_swing_is_none(gain, ageing):
