@@ -28,10 +28,10 @@ def recording(tmp_path_factory):
 
 
 def said(*words: str, processors: int) -> tuple[int, str, str]:
-    own = sorted(os.sched_getaffinity(0))
-    if len(own) < processors:
+    if (os.cpu_count() or 1) < processors:
         pytest.skip("one processor")
-    only = f"import os; os.sched_setaffinity(0, {set(own[:processors])})"
+    # whatever the tests themselves are kept to
+    only = f"import os; os.sched_setaffinity(0, range({processors}))"
     code = f"{only}; import sys; from piezo_rig.cli import main; sys.exit(main(sys.argv[1:]))"
     done = subprocess.run(
         [sys.executable, "-c", code, "diagnose", *words], capture_output=True, text=True,
