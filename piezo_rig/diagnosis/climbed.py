@@ -43,13 +43,14 @@ from piezo_rig.diagnosis.refit import Fitted, refit, settle
 from piezo_rig.diagnosis.scale import on_one_scale
 from piezo_rig.diagnosis.space import Space
 from piezo_rig.diagnosis.spare import faded
+from piezo_rig.diagnosis.wandering import AGEING
 from piezo_rig.diagnosis.whitening import CellWhitener
 
 FloatArray = NDArray[np.float64]
 Gate = tuple[Callable[[Fitted], float], float]
 WORSE, STRICT, AWAY = 1.03, 1.01, 3.0  # by which an extension may raise held-out errors
 ROUNDS, SETTLED = 3, 0.05  # of what is left in memory; the share by which it has changed
-PERIODIC, AGEING = "periodic-nonlinearity", "cycle-aging"
+PERIODIC = "periodic-nonlinearity"
 CLOSE = 1.3  # times the noise floor: nearly nothing is left, and a true cause does no harm
 
 

@@ -300,7 +300,7 @@ def _diagnosed(
     rest = with_gain(rest, unsteady(space.groups, space.whitener, last.point.model), floor)
     refused = ladder.scans[-1].refused if ladder.scans else {}
     if refused.get(AGEING) == WANDERS:
-        rest = with_wandering(rest, wandering(space, last))
+        rest = with_wandering(rest, *wandering(space, last))
     rest = with_bursts(rest, bursts(space.groups, last.point.model), floor)
     rest = with_levels(rest, levels(clean))
     advice = follow_up(space, last, confused)

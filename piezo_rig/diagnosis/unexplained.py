@@ -155,11 +155,11 @@ def with_gain(rest: Unexplained, gain: Unsteady | None, floor_nm: float | None) 
     return _besides(rest, gain.p_value, gain.rms_nm, ("clock", "displacement"), text)
 
 
-def with_wandering(rest: Unexplained, gain: Unsteady) -> Unexplained:
+def with_wandering(rest: Unexplained, share: float, rms_nm: float) -> Unexplained:
     """The verdict with a gain that changes along the only recording, which is no ageing."""
-    text = (f"the gain changes by {100.0 * gain.share:.2g} % along the recording, "
-            f"{_two(gain.rms_nm)} nm rms, otherwise than with the count of its cycles")  # fmt: skip
-    return _besides(rest, gain.p_value, gain.rms_nm, ("clock", "displacement"), text)
+    text = (f"the gain changes by {100.0 * share:.2g} % along the recording, "
+            f"{_two(rms_nm)} nm rms, otherwise than with the count of its cycles")  # fmt: skip
+    return _besides(rest, rest.p_value, rms_nm, ("clock", "displacement"), text)
 
 
 def with_bursts(rest: Unexplained, bursts: Bursts | None, floor_nm: float | None) -> Unexplained:

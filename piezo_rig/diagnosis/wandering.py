@@ -17,7 +17,6 @@ from piezo_rig.diagnosis.likelihood import Likelihood
 from piezo_rig.diagnosis.reduction import reduce
 from piezo_rig.diagnosis.refit import Fitted, settle
 from piezo_rig.diagnosis.space import Space
-from piezo_rig.diagnosis.unsteady import Unsteady
 
 AGEING = "cycle-aging"
 WANDERS = "the gain changes along the recording otherwise than with the count of its cycles"
@@ -62,15 +61,16 @@ def wanders(space: Space, fitted: Fitted, id: str) -> str | None:
     return None
 
 
-def wandering(space: Space, fitted: Fitted) -> Unsteady:
-    """How far the gain of the only recording wanders, part by part, where an ageing was refused."""
+def wandering(space: Space, fitted: Fitted) -> tuple[float, float]:
+    """How far the gain of the only recording wanders, rms, and what that does, nm rms."""
     (group,) = space.groups.groups
     moved = group.predicted(fitted.point.model)
     off = group.measured_um.mean(axis=0) - moved
     edges = np.linspace(group.blocks[0][0], group.blocks[-1][1], PARTS + 1).astype(int)
-    parts = [slice(a, b) for a, b in pairwise(edges)]
-    gains = np.array([np.polyfit(moved[cut], off[cut], 1)[0] for cut in parts])
+    gains, square = np.zeros(PARTS), np.zeros(PARTS)
+    for k, (a, b) in enumerate(pairwise(edges)):
+        own = moved[a:b] - moved[a:b].mean()
+        square[k] = float(own @ own) / own.size
+        gains[k] = float(own @ off[a:b]) / max(float(own @ own), 1e-30)  # 0 at rest
     gains -= gains.mean()
-    square = np.array([float(np.var(moved[cut])) for cut in parts]) * gains**2
-    rms_nm = 1e3 * float(np.sqrt(square.mean()))
-    return Unsteady(0.0, float(np.sqrt(np.mean(gains**2))), rms_nm)
+    return float(np.sqrt(np.mean(gains**2))), 1e3 * float(np.sqrt(np.mean(square * gains**2)))
