@@ -114,6 +114,8 @@ def climb(
             break
         search.forward()
         faint(search)
+    else:
+        idle(search)
     return Ladder(search.first, tuple(search.rungs()), tuple(search.scans))
 
 

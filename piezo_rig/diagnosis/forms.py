@@ -34,6 +34,7 @@ PARABOLAS, SETTLED, TOP = 6, 1.0, 0.05  # at most so many; gains in log-likeliho
 FURTHER, FURTHER_BY = 4, 1.4
 WIDE = 1.25  # between lengths from which an effect that lasts is begun
 WITHIN = 0.4  # of a sample
+LOOKED_AT = 8  # starts of a very large effect that are fitted, of many
 SHORTEST, WIDER, REACHES = 0.006, 1.19, 21  # its reach: of the travel, step, how many
 STEEP = 0.4  # of the mean spring constant, by the whole range of the drive
 ALIKE = 6  # such steps to either side, for the reach of another form
@@ -65,14 +66,28 @@ def begun_best(space: Space, point: Point, id: str, example: Stage, promised: fl
         ]  # fmt: skip
     large = stage.at_large() if promised > VERY_LARGE or stage.of_base else []
     if large:
+        large = _looked_at(space, point, large)
         worth = _begun_with(space, point, large, _as_begun)
-        near = stage.at_large(near=large[int(np.argmax(worth))])
+        near = _looked_at(space, point, stage.at_large(near=large[int(np.argmax(worth))]))
         worth = _begun_with(space, point, [*starts, *near], _as_begun)
         return replace(point, model=point.model.with_stage([*starts, *near][int(np.argmax(worth))]))
     if len(starts) == 1:
         return point
     worth = _begun_with(space, point, starts, _one_step)
     return replace(point, model=point.model.with_stage(starts[int(np.argmax(worth))]))
+
+
+def _looked_at(space: Space, point: Point, starts: Sequence[Stage]) -> Sequence[Stage]:
+    """Those of many starts that a linear look, each at its whole size, finds likeliest."""
+    if len(starts) <= LOOKED_AT:
+        return starts
+    less = point.without(starts[0].id)
+    settle(space, less)
+    starts = [s for s in starts if playable(space, less.model.with_stage(s))]
+    pairs = [(less.model, less.model.with_stage(s)) for s in starts]
+    likelihood = Likelihood(reduce(space.linear(less, pairs)))
+    worth = [likelihood.evidence([k]) for k in range(len(starts))]
+    return [starts[k] for k in np.argsort(worth)[::-1][:LOOKED_AT]]
 
 
 def _begun_with(

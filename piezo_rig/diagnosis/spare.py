@@ -134,7 +134,8 @@ def idle(search: Search) -> bool:
     recording will be. Nor is what the assumed law of another member leaves: a table of its own
     beside others must help in any case, for it bends any way, and not leave as much as it takes.
     Nor is it for any of them to make the next recording worse to predict. (That it is hardly better
-    says little: a small fast effect is far below the error of a sample.)
+    says little: a small fast effect is far below the error of a sample.) More than that is not
+    asked of what belongs to the base: without it others would stand in for it.
     """
     dropped = False
     while search.causes:
@@ -145,7 +146,7 @@ def idle(search: Search) -> bool:
         for id in reversed([c for c in search.causes if c in tried]):
             search.tell(f"refit without {id}")
             less = refit(search.space, search.fitted.point.without(id), held=True)
-            if unknown or id in doubted:
+            if (unknown and not of_base(id)) or id in doubted:
                 kept = search.helps(less, search.fitted)
                 kept = kept and not (id in tables and _stands_in(search, less, unknown))
             else:

@@ -46,15 +46,19 @@ def without_remembered(data: Data, sweeps: Sequence[Sweep], point: Point) -> Dat
     ``point`` : the baseline to begin with. Of a model that is given, or that has an own curve for
     the first rise, nothing is asked
     """
-    guessed = [t for t in data.tracks if t.virgin and sweeps[t.sweeps[0]].history != "virgin"]
-    unlike = {
-        sweeps[t.sweeps[0]].name: UNLIKE for t in guessed
-        if any(_differs(t, o) for o in data.tracks if not o.virgin and same_drive(t, o, sweeps))
-    }
-    unlike |= _among(data, sweeps, [t for t in guessed if sweeps[t.sweeps[0]].name not in unlike])
-    if unlike:
-        data = prepare(sweeps, first_rises=True, clipped=True, not_from_rest=unlike)
+    unlike: dict[str, str] = {}
+    while True:  # one that comes after others may be the repeat that another is compared with
+        guessed = [t for t in data.tracks if t.virgin and sweeps[t.sweeps[0]].history != "virgin"]
         guessed = [t for t in guessed if sweeps[t.sweeps[0]].name not in unlike]
+        found = {
+            sweeps[t.sweeps[0]].name: UNLIKE for t in guessed
+            if any(_differs(t, o) for o in data.tracks if not o.virgin and same_drive(t, o, sweeps))
+        }
+        found |= _among(data, sweeps, [t for t in guessed if sweeps[t.sweeps[0]].name not in found])
+        if not found:
+            break
+        unlike |= found
+        data = prepare(sweeps, first_rises=True, clipped=True, not_from_rest=unlike)
     if not guessed or point.fixed or point.has_first_rise:
         return data
     names = unlike | {sweeps[t.sweeps[0]].name: REMEMBERS for t in guessed}

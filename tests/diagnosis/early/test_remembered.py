@@ -88,9 +88,9 @@ def test_an_initiation_curve_of_unknown_history_is_still_found():
     assert [f.cause for f in found.findings] == ["initiation-stage"]
 
 
-def sitting(stiffer: float = 0.0) -> list[Sweep]:
-    """Two drives in turn, twice, without a rest between: only the first recording begins virgin."""
-    drives = [triangle(1), 5.0 + 0.8 * triangle(2)] * 2
+def sitting(stiffer: float = 0.0, drives: tuple[np.ndarray, ...] = ()) -> list[Sweep]:
+    """Drives in turn, twice, without a rest between: only the first recording begins virgin."""
+    drives = (drives or (triangle(1), 5.0 + 0.8 * triangle(2))) * 2
     joined, begin = list[np.ndarray](), 0.0
     for volts in drives:  # a ramp between them that nobody records
         joined += [np.linspace(begin, volts[0], 50), volts]
@@ -115,6 +115,18 @@ def test_a_first_rise_is_no_repeat_of_one_that_remembers(stiffer):
     assert not found.unexplained.detected
     assert found.noise_floor_nm == pytest.approx(2.0, rel=0.1)
     assert any("a repeat of it begins otherwise" in n for n in found.notes)
+
+
+def test_a_first_rise_is_no_repeat_of_one_that_only_seems_to_begin_at_rest():
+    """As after larger drives, whose creep still goes on while it begins."""
+    sweeps = sitting(0.0, (0.2 * triangle(1), triangle(2), 0.9 * triangle(1), triangle(3)))
+    goes_on = 0.03 * np.exp(-np.arange(triangle(1).size) / RATE / 0.5)
+    late = sweeps[4]
+    sweeps[4] = late.with_(sensor_v=late.displacement_um + goes_on[: late.displacement_um.size])
+    before, after = rises(sweeps)
+    assert before[0]
+    assert before[4]
+    assert not any(after)
 
 
 def test_damage_to_a_first_rise_does_not_make_it_another():
