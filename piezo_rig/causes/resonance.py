@@ -35,7 +35,7 @@ EXAMPLE = 0.01  # share
 AT_LARGE = np.geomspace(LOWEST_HZ, HIGHEST_HZ, 43)  # 8 % apart
 DAMPED, SHARED = (0.01, 0.03, 0.1), (0.3, 1.0)
 LITTLE = 0.2  # of the displacement: what the base model does may be taken to pass such a mode
-COARSE = 0.25  # of a period: samples that are further apart do not show what a mode makes of them
+COARSE = 1.0  # periods: between samples further apart a mode rings unseen
 
 
 class Resonance(Cause):

@@ -20,6 +20,7 @@ from piezo_rig.diagnosis.whitening import CellWhitener
 
 FloatArray = NDArray[np.float64]
 ROUNDS = 3
+HIDDEN = np.log(0.3)  # of the noise, that a generous model must leave to show it
 ROUNDING = 1e-12  # of their size: columns that vary less are constant
 EXACT = 1e-5
 
@@ -135,7 +136,8 @@ def generous_spectrum(space: Space, point: Point, rng: np.random.Generator) -> S
     """Spectrum from what a generous model leaves, where there are no repeats.
 
     The generous model takes power of its own out of the noise, most at low frequencies; how much
-    is found by sending known noise through the same projection.
+    is found by sending known noise through the same projection. Of frequencies of which it takes
+    nearly all, what it leaves says nothing: see `onward`.
     """
     found, _ = candidates(space, point.model)
     pairs = [pair for c in found for pair in c.pairs(point.model)]
@@ -168,7 +170,11 @@ def generous_spectrum(space: Space, point: Point, rng: np.random.Generator) -> S
     residual = left([y for _, y in blocks])
     least = least_noise(space.groups)
     measured = spectrum_of(residual, least=least)
-    current = measured
+    white = [rng.standard_normal(y.size) for _, y in blocks]
+    kept = spectrum_of(left(white))
+    hidden = np.interp(np.log(measured.frequency), np.log(kept.frequency), kept.log_power) < HIDDEN
+    first = int(np.flatnonzero(hidden).max(initial=-1)) + 1
+    current = measured.onward(first)
     for _ in range(ROUNDS):
         filter = Whitener(current, raised=0.0)
         noise = [filter.coloured(y.size, rng) for _, y in blocks]
@@ -177,7 +183,7 @@ def generous_spectrum(space: Space, point: Point, rng: np.random.Generator) -> S
         change = np.interp(np.log(measured.frequency), np.log(current.frequency), want)
         current = Spectrum(
             measured.frequency, measured.log_power + change, measured.error * np.sqrt(2.0)
-        )
+        ).onward(first)
     return current
 
 

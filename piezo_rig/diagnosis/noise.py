@@ -21,6 +21,7 @@ FloatArray = NDArray[np.float64]
 RAISED = 1.5  # standard errors
 PER_DECADE = 4  # corners of the smooth curve
 BINS = 80
+STEEPEST = -2.0  # power of the frequency that noise may rise with towards low ones
 AT_ONCE = 8  # rows that are filtered together: more do not fit the processor's cache
 LEAST = 1e-12  # of the largest periodogram value: exact data have no noise
 
@@ -44,6 +45,30 @@ class Spectrum:
         x = np.log(np.maximum(frequency, self.frequency[0]))
         curve = self.log_power + raised * self.error
         return np.exp(np.interp(x, np.log(self.frequency), curve))
+
+    def onward(self, first: int) -> Spectrum:
+        """With what is below a corner gone on to from those above it: nothing is known of it.
+
+        As a power of the frequency, the one over the next decade; noise does not fall towards low
+        frequencies.
+        """
+        x = np.log(self.frequency)
+        known = slice(first, first + PER_DECADE + 1)
+        if first == 0 or x[known].size < 3:
+            return self
+        weight = self.error[known] ** -2.0
+        mean = float(weight @ x[known] / weight.sum())
+        off = x[known] - mean
+        level = float(weight @ self.log_power[known] / weight.sum())
+        slope = float(weight @ (off * self.log_power[known]) / (weight @ off**2))
+        slope = float(np.clip(slope, STEEPEST, 0.0))
+        away = x[:first] - mean
+        error = np.sqrt(1.0 / weight.sum() + away**2 / (weight @ off**2))
+        return Spectrum(
+            self.frequency,
+            np.concatenate([level + slope * away, self.log_power[first:]]),
+            np.concatenate([error, self.error[first:]]),
+        )
 
     def scaled(self, factor: FloatArray | float) -> Spectrum:
         return Spectrum(self.frequency, self.log_power + np.log(factor), self.error)
