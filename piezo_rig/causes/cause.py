@@ -117,6 +117,8 @@ class Cause(Stage):
     leaves : share of its effect that its law may leave, rms: none is known better
     loosened : optional parameters that let go of its assumed law, and the size of an example: they
         are fitted where the effect is so large that what is left of it shows
+    brings_along : causes that look like what it still does of what went before a recording, where
+        nobody knows that
     needs_speeds : it can be told from the model's own loop only where half loops differ in speed
     needs_first_rise : it can show only where the data hold a first rise from rest
     needs_known_order : it can be told only where every recording begins virgin, at a known time,
@@ -142,6 +144,7 @@ class Cause(Stage):
     bending: ClassVar[str] = ""
     loosened: ClassVar[Mapping[str, float]] = {}
     leaves: ClassVar[float] = 0.05
+    brings_along: ClassVar[tuple[str, ...]] = ()
     needs_speeds: ClassVar[bool] = False
     needs_first_rise: ClassVar[bool] = False
     needs_known_order: ClassVar[bool] = False

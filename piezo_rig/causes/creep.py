@@ -78,6 +78,7 @@ class Creep(Cause):
     place = "actuator"
     together = True
     law: ClassVar[Mapping[str, float]] = {"time_since_turn": 0.01}
+    brings_along: ClassVar[tuple[str, ...]] = ("thermal-drift",)
     units: ClassVar[Mapping[str, str]] = {"rate_per_decade": "1"}
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {
         "rate_per_decade": (0.0, 0.3), **dict.fromkeys(FAST + SHARES, (0.0, 20.0)),

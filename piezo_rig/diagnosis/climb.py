@@ -249,7 +249,7 @@ class Search:
                 continue
             if fitted.evidence - here.evidence > LARGE:
                 fitted = converged(self.space, fitted)
-            doubtful = family[i] > DOUBTFUL
+            doubtful = family[i] > DOUBTFUL or self.may_go_on(id)
             worse = self.worse(fitted, here, doubtful) or self.of_a_law(fitted, id)
             if worse is None and doubtful and not self.helps(here, fitted):
                 worse = "fits, but does not predict data that it has not seen better beyond doubt"
@@ -267,6 +267,13 @@ class Search:
             self.tidy()
             return True
         return bool(close)
+
+    def may_go_on(self, id: str) -> bool:
+        """Whether what a member brings along from before a recording may be all there is of it."""
+        members = [CAUSES[c] for c in self.causes]
+        return any(
+            issubclass(k, Cause) and id in k.brings_along for k in members
+        ) and not all(g.virgin for g in self.space.groups.groups)
 
     def still_far_off(self, here: Fitted, tried: Sequence[Fitted]) -> bool:
         """Whether a model is far off, and none of its extensions brings it much nearer."""

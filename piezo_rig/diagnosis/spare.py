@@ -31,6 +31,7 @@ AMISS = 0.45  # of the noise: what is left beside it where something is amiss
 HARDLY = 1.0  # held-out error with a member, of that before
 LOSES = 1.001  # the same of the whole ladder, of that without the member
 OF_WHAT_IT_TOOK = 0.5  # squared error: a table that leaves more only stands in for something
+PLAIN = 300.0  # log-likelihood that a bend is worth beside others, however uncertain its size
 WEAK, SHADOW = 10.0, 15.0  # d' and log-likelihood that leave an effect in doubt beside such laws
 
 
@@ -62,16 +63,20 @@ def _same_stages(a: Point, b: Point) -> bool:
 
 def faded(space: Space, ladder: Ladder, tell: Callable[[str], None]) -> Ladder:
     """Without members that cannot be told from nothing any more, now that laws have moved."""
-    steps = list(ladder.steps)
-    while any(s.cause in CAUSES for s in steps):
+    steps, plain = list(ladder.steps), set[str]()
+    while any(s.cause in CAUSES and s.cause not in plain for s in steps):
         last = steps[-1].fitted
         settle(space, last.point)
-        found = certainties(space, last, [s.cause for s in steps if s.cause in CAUSES])
-        id = min(found, key=lambda c: found[c])
+        members = [s.cause for s in steps if s.cause in CAUSES]
+        found = certainties(space, last, members)
+        id = min((c for c in members if c not in plain), key=lambda c: found[c])
         if found[id] >= APART:
             break
         tell(f"refit without {id}")
         less = refit(space, last.point.without(id), held=True)
+        if _plain_bend(id, last, less):
+            plain.add(id)
+            continue
         steps = [s for s in steps if s.cause != id]
         if steps:
             steps[-1] = replace(steps[-1], fitted=less)
@@ -109,19 +114,28 @@ def prune(search: Search) -> None:
 
 def faint(search: Search) -> None:
     """Drop what cannot be told from nothing once everything else is allowed for."""
-    while search.causes:
+    plain = set[str]()
+    while any(c not in plain for c in search.causes):
         settle(search.space, search.fitted.point)
         found = certainties(search.space, search.fitted, search.causes)
-        id = min(found, key=lambda c: found[c])
+        id = min((c for c in search.causes if c not in plain), key=lambda c: found[c])
         if found[id] >= (APART if len(search.causes) == 1 else BESIDE):
             return
         search.tell(f"refit without {id}")
         less = refit(search.space, search.fitted.point.without(id), held=True)
+        if _plain_bend(id, search.fitted, less):
+            plain.add(id)
+            continue
         rest = [s for s in search.steps if s.cause != id]
         if rest:
             search.drop(id, rest[-1], less)
         else:
             search.steps, search.barred[id] = [], "cannot be told from nothing"
+
+
+def _plain_bend(id: str, fitted: Fitted, less: Fitted) -> bool:
+    """Whether it is a bend without which plainly less is said, though others do much the same."""
+    return of_base(id) and fitted.evidence > less.evidence + PLAIN
 
 
 def idle(search: Search) -> bool:
