@@ -38,8 +38,10 @@ def alone(added) -> Sweep:
     volts = decaying()
     time = np.arange(volts.size) / RATE
     moved = play(volts, np.linspace(0.5, 36.0, 72), 0.003) + added(time)
-    return Sweep("sweep_0001", volts, moved - moved[0], RATE, 1.0, 0.0, 1.0, 1, 0.0, "", 1, "virgin",
-                 0.0, "IMPORTED")  # fmt: skip
+    return Sweep(
+        "sweep_0001", volts, moved - moved[0], RATE, 1.0, 0.0, 1.0, 1, 0.0, "", 1, "virgin", 0.0,
+        "IMPORTED",
+    )  # fmt: skip
 
 
 @pytest.mark.parametrize("seed", range(6, 12))
