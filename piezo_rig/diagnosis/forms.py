@@ -77,7 +77,7 @@ def begun_best(space: Space, point: Point, id: str, example: Stage, promised: fl
     return replace(point, model=point.model.with_stage(starts[int(np.argmax(worth))]))
 
 
-def _looked_at(space: Space, point: Point, starts: Sequence[Stage]) -> Sequence[Stage]:
+def _looked_at(space: Space, point: Point, starts: list[Stage]) -> list[Stage]:
     """Those of many starts that a linear look, each at its whole size, finds likeliest."""
     if len(starts) <= LOOKED_AT:
         return starts
