@@ -26,7 +26,9 @@ if TYPE_CHECKING:
 
 NEEDED = 3.0  # log-likelihood that decides between models
 SAFE = 20.0  # times what a table must be worth: not looked at again
-BESIDE = 5.0  # d' of a member beside others: about what `LATER` asks of it
+# d' of a member beside others, and of a table of its own: a true effect of 40 keeps 16 and more,
+# what the base model of a bench of somebody else's gets wrong goes by such names with 7 to 10
+BESIDE, OF_A_TABLE = 10.0, 12.0
 AMISS = 0.45  # of the noise: what is left beside it where something is amiss
 HARDLY = 1.0  # held-out error with a member, of that before
 LOSES = 1.001  # the same of the whole ladder, of that without the member
@@ -118,8 +120,12 @@ def faint(search: Search) -> None:
     while any(c not in plain for c in search.causes):
         settle(search.space, search.fitted.point)
         found = certainties(search.space, search.fitted, search.causes)
-        id = min((c for c in search.causes if c not in plain), key=lambda c: found[c])
-        if found[id] >= (APART if len(search.causes) == 1 else BESIDE):
+        needed = {
+            c: OF_A_TABLE if CAUSES[c].has_elements else APART if len(found) == 1 else BESIDE
+            for c in found
+        }
+        id = min((c for c in search.causes if c not in plain), key=lambda c: found[c] / needed[c])
+        if found[id] >= needed[id]:
             return
         search.tell(f"refit without {id}")
         less = refit(search.space, search.fitted.point.without(id), held=True)
