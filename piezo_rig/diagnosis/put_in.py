@@ -8,9 +8,9 @@ import numpy as np
 
 from piezo_rig.diagnosis.fit import Point
 from piezo_rig.diagnosis.forms import as_late, begun_best, beside_kinks, further, in_another_form
-from piezo_rig.diagnosis.needed import does_nothing, needless
+from piezo_rig.diagnosis.needed import does_nothing, needless, plain_bend
 from piezo_rig.diagnosis.refit import Fitted, refit, refit_either_way, settle
-from piezo_rig.diagnosis.scan import Found, extended, of_base
+from piezo_rig.diagnosis.scan import Found, extended
 from piezo_rig.diagnosis.space import Space
 from piezo_rig.errors import InputError
 
@@ -51,9 +51,7 @@ def refitted(space: Space, here: Fitted, found: Found, i: int) -> Fitted | None:
         fitted = None  # at the size that the data ask for it cannot even be played
     if fitted is None or does_nothing(space, fitted.point, candidate.id):
         return None
-    # bends of several kinds do much the same: what one adds may be plain, though not how much of
-    # each there is
-    plain = of_base(candidate.id) and fitted.evidence > here.evidence + LARGE
+    plain = plain_bend(candidate.id, fitted, here)
     if not plain and needless(fitted, [candidate.id]) is not None:
         return None
     return fitted

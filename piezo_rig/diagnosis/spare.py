@@ -15,7 +15,7 @@ from piezo_rig.diagnosis.abreast import abreast
 from piezo_rig.diagnosis.confusion import APART, certainties, strengths
 from piezo_rig.diagnosis.fit import Point
 from piezo_rig.diagnosis.ladder import Ladder, Step
-from piezo_rig.diagnosis.needed import needless, worth_needed
+from piezo_rig.diagnosis.needed import needless, plain_bend, worth_needed
 from piezo_rig.diagnosis.refit import Fitted, refit, settle, wholly
 from piezo_rig.diagnosis.scan import of_base
 from piezo_rig.diagnosis.space import Space
@@ -29,11 +29,11 @@ SAFE = 20.0  # times what a table must be worth: not looked at again
 # d' of a member beside others, and of a table of its own: a true effect of 40 keeps 16 and more,
 # what the base model of a bench of somebody else's gets wrong goes by such names with 7 to 10
 BESIDE, OF_A_TABLE = 10.0, 12.0
+OF_A_BEND = 5.0  # which is no name, but without which others stand in for it
 AMISS = 0.45  # of the noise: what is left beside it where something is amiss
 HARDLY = 1.0  # held-out error with a member, of that before
 LOSES = 1.001  # the same of the whole ladder, of that without the member
 OF_WHAT_IT_TOOK = 0.5  # squared error: a table that leaves more only stands in for something
-PLAIN = 300.0  # log-likelihood that a bend is worth beside others, however uncertain its size
 WEAK, SHADOW = 10.0, 15.0  # d' and log-likelihood that leave an effect in doubt beside such laws
 
 
@@ -76,7 +76,7 @@ def faded(space: Space, ladder: Ladder, tell: Callable[[str], None]) -> Ladder:
             break
         tell(f"refit without {id}")
         less = refit(space, last.point.without(id), held=True)
-        if _plain_bend(id, last, less):
+        if plain_bend(id, last, less):
             plain.add(id)
             continue
         steps = [s for s in steps if s.cause != id]
@@ -120,16 +120,13 @@ def faint(search: Search) -> None:
     while any(c not in plain for c in search.causes):
         settle(search.space, search.fitted.point)
         found = certainties(search.space, search.fitted, search.causes)
-        needed = {
-            c: OF_A_TABLE if CAUSES[c].has_elements else APART if len(found) == 1 else BESIDE
-            for c in found
-        }
+        needed = {c: _certain(c, len(found) == 1) for c in found}
         id = min((c for c in search.causes if c not in plain), key=lambda c: found[c] / needed[c])
         if found[id] >= needed[id]:
             return
         search.tell(f"refit without {id}")
         less = refit(search.space, search.fitted.point.without(id), held=True)
-        if _plain_bend(id, search.fitted, less):
+        if plain_bend(id, search.fitted, less):
             plain.add(id)
             continue
         rest = [s for s in search.steps if s.cause != id]
@@ -139,9 +136,13 @@ def faint(search: Search) -> None:
             search.steps, search.barred[id] = [], "cannot be told from nothing"
 
 
-def _plain_bend(id: str, fitted: Fitted, less: Fitted) -> bool:
-    """Whether it is a bend without which plainly less is said, though others do much the same."""
-    return of_base(id) and fitted.evidence > less.evidence + PLAIN
+def _certain(id: str, alone: bool) -> float:
+    """What d' it must have, with everything else allowed for."""
+    if CAUSES[id].has_elements:
+        return OF_A_TABLE
+    if alone:
+        return APART
+    return OF_A_BEND if of_base(id) else BESIDE
 
 
 def idle(search: Search) -> bool:
