@@ -6,16 +6,19 @@ the raw recordings at full rate. Each block of a recording has its own free offs
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
+from piezo_rig.chain import Model
 from piezo_rig.diagnosis.chances import normal_half_width, student_half_width
 from piezo_rig.diagnosis.covered import SHORT, covered, grows
 from piezo_rig.diagnosis.fit import Point
-from piezo_rig.diagnosis.groups import Groups
+from piezo_rig.diagnosis.groups import Group, Groups
+from piezo_rig.diagnosis.linear import Linear
 from piezo_rig.diagnosis.refit import Fitted, element_step, parameter_step, settle
 from piezo_rig.diagnosis.space import Space
 from piezo_rig.errors import InputError
@@ -28,6 +31,7 @@ FEW, CHUNKS = 6, 10  # fewer recordings than this are cut into chunks for the in
 LEAST_FALL = 2e-4  # of the squared error; no group is expected to vary less
 SLACK = 0.02  # of the range, by which a drive may leave what others span
 FAR = 3.0  # standard errors that a fold may move a parameter
+SHARES, HOLDS = (1.0, 0.5, 0.25, 0.1, 0.0), 1.02  # of a fold's step; squared error, of that before
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,7 +136,9 @@ def held_out_errors(
     few = sum(g.repeats for g in groups.groups) < FEW
     worst = 0.0
     for train, held in plan:
-        model = refold(point, fitted, train if len(train) < len(pieces) else None).model
+        model = point.model
+        if len(train) < len(pieces):
+            model = _fold(space, fitted, train, held)
         for g in sorted({pieces[i].group for i in held}):
             group = (measured or groups).groups[g]
             try:
@@ -190,20 +196,25 @@ def _scored(
 
 def _left_out(space: Space, fitted: Fitted, measured: Groups) -> Errors:
     """Every recording scored by a model that was refitted without it."""
-    point, n = fitted.point, fitted.point.linear
+    point = fitted.point
     settle(space, point)
     about = space.about(point, fitted.linear)
     squares, counts, of, worst = [], [], [], 0.0
     models = []
-    for linear in space.left_out(about, point):
+    for row, linear in enumerate(space.left_out(about, point)):
         change = np.zeros(len(point.sizes))
         if change.size:
             change, _ = parameter_step(point, linear, fitted.scales, held=True)
             change = _bounded(point, fitted, change)
-        values = point.values()
-        values[n:] += change
-        values[:n] += element_step(point, linear, None, change)
-        models.append(point.moved(values).model)
+
+        def on_the_rest(model: Model, row: int = row) -> float:
+            return sum(
+                _square(g, model, [r for r in range(g.repeats) if r != row], g.blocks)
+                for g in measured.groups
+            )
+
+        moved = partial(_moved, point, linear, None, change)
+        models.append(_as_far_as_it_holds(moved, on_the_rest, point.model))
     for g, group in enumerate(measured.groups):
         for r in range(group.repeats):
             try:
@@ -229,19 +240,94 @@ def _bounded(point: Point, fitted: Fitted, change: FloatArray) -> FloatArray:
     return np.asarray(np.clip(change, -100.0 * size, 100.0 * size))
 
 
-def refold(point: Point, fitted: Fitted, train: Sequence[int] | None) -> Point:
+def _as_far_as_it_holds(
+    moved: Callable[[float], Model], square: Callable[[Model], float], whole: Model
+) -> Model:
+    """The model of a fold, moved from that of all data as far as the columns there are true.
+
+    They are products of what is fitted: where data hardly know two such numbers apart, both may
+    move far, and what was trained on comes out worse than by the model of all data. Then only a
+    share of the step is taken.
+
+    Parameters
+    ----------
+    moved : the model after a share of the step
+    square : squared error on what it was trained on
+    """
+    enough = HOLDS * square(whole)
+    tried = []
+    for share in SHARES:
+        model = moved(share)
+        tried.append((square(model), share, model))
+        if tried[-1][0] <= enough:
+            return model
+    return min(tried, key=lambda t: t[:2])[2]
+
+
+def _square(
+    group: Group, model: Model, rows: Sequence[int], blocks: Sequence[tuple[int, int]]
+) -> float:
+    """Squared error of some recordings on such blocks, each with its own offset; um^2 summed."""
+    if not rows:
+        return 0.0
+    try:
+        predicted = group.predicted_of(model, rows)
+    except InputError:
+        return np.inf
+    total = 0.0
+    for a, b in blocks:
+        error = group.measured_um[rows, a:b] - predicted[a:b]
+        error -= error.mean(axis=1, keepdims=True)
+        total += float(np.vdot(error, error))
+    return total
+
+
+def refold(point: Point, fitted: Fitted, train: Sequence[int]) -> Point:
     """The point refitted on some of the pieces, from the Gram matrices about the full fit."""
-    if train is None:
-        return point
+    change = _change(point, fitted, train)
+    return replace(point, model=_moved(point, fitted.linear, train, change, 1.0))
+
+
+def _fold(space: Space, fitted: Fitted, train: Sequence[int], held: Sequence[int]) -> Model:
+    """The model refitted on some of the pieces; how far is judged by what was before those held
+    out, or by the widest drive of the others.
+    """
+    point, pieces, groups = fitted.point, space.pieces, space.groups.groups
+    change = _change(point, fitted, train)
+    trained, tested = {pieces[i].group for i in train}, {pieces[i].group for i in held}
+    judged = trained & tested or {max(trained, key=lambda g: float(np.ptp(groups[g].drive_v)))}
+    ends = {g: groups[g].drive_v.size for g in judged}
+    for piece in (pieces[i] for i in held if pieces[i].group in ends):
+        ends[piece.group] = min(ends[piece.group], piece.first)
+
+    def on_trained(model: Model) -> float:
+        return sum(
+            _square(groups[g], model, range(groups[g].repeats),
+                    [(a, min(b, end)) for a, b in groups[g].blocks if min(b, end) - a >= SHORT])
+            for g, end in ends.items()
+        )  # fmt: skip
+
+    moved = partial(_moved, point, fitted.linear, train, change)
+    return _as_far_as_it_holds(moved, on_trained, point.model)
+
+
+def _change(point: Point, fitted: Fitted, train: Sequence[int]) -> FloatArray:
+    """What some of the pieces would change of the parameters (q,)."""
+    if not point.sizes:
+        return np.zeros(0)
+    change, _ = parameter_step(point, fitted.linear, fitted.scales, train, held=True)
+    return _bounded(point, fitted, change)
+
+
+def _moved(
+    point: Point, linear: Linear, train: Sequence[int] | None, change: FloatArray, share: float
+) -> Model:
+    """A model with a share of such a change, and what is linear fitted to it."""
     n = point.linear
-    change = np.zeros(len(point.sizes))
-    if change.size:
-        change, _ = parameter_step(point, fitted.linear, fitted.scales, train, held=True)
-        change = _bounded(point, fitted, change)
     values = point.values()
-    values[n:] += change
-    values[:n] += element_step(point, fitted.linear, train, change)
-    return point.moved(values)
+    values[n:] += share * change
+    values[:n] += element_step(point, linear, train, share * change)
+    return point.moved(values).model
 
 
 def gain(before: Errors, after: Errors, rng: np.random.Generator) -> tuple[float, list[float]]:
