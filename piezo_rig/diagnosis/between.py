@@ -26,6 +26,9 @@ FloatArray = NDArray[np.float64]
 Points = tuple[FloatArray, FloatArray]  # times, volts
 STRAIGHT = 0.02  # change of the drive per sample, by which it may change on a straight line
 BENT = 0.2  # of the larger change, by which it must change at a corner
+RUN, LINE = 5, 16  # changes of a line that is only roughly straight: at least, at most
+COARSE = 0.25  # of its slope, by which they may differ
+CERTAIN = 2.0  # of what they differ by, by which it must bend besides
 INSIDE = 0.02  # of a sample, by which a corner must be away from one
 CURVED = 5e-5  # of the span, off a straight line between two samples
 MOSTLY = 0.3  # of where it bends that it must do so smoothly
@@ -74,22 +77,51 @@ def denser(time_s: FloatArray, drive_v: FloatArray, model: Model | None = None) 
 
 
 def _meet(time_s: FloatArray, drive_v: FloatArray) -> Points:
-    """Times and volts (k,) between samples where two straight lines meet."""
+    """Times and volts (k,) between samples where two straight lines meet.
+
+    What was rounded when it was recorded is only roughly straight, from sample to sample: lines
+    are then drawn through many of them.
+    """
     change = np.diff(drive_v)
-    at = np.arange(2, change.size - 2)
+    if change.size < 2 * RUN + 1:
+        return np.zeros(0), np.zeros(0)
+    runs = np.lib.stride_tricks.sliding_window_view(change, RUN)
+    at = np.arange(RUN, change.size - RUN)
+    earlier, later = runs[at - RUN], runs[at + 1]
     before, after = change[at - 1], change[at + 1]
     larger = np.maximum(np.abs(before), np.abs(after))
     bent = np.abs(after - before) > BENT * larger
     straight = (np.abs(before - change[at - 2]) < STRAIGHT * larger) & (
         np.abs(after - change[at + 2]) < STRAIGHT * larger
     )
-    at = at[bent & straight]
-    before, after = change[at - 1], change[at + 1]
+    mean = np.mean(earlier, axis=1), np.mean(later, axis=1)
+    off = np.maximum(np.ptp(earlier, axis=1), np.ptp(later, axis=1))
+    most = np.maximum(np.abs(mean[0]), np.abs(mean[1]))
+    roughly = ~straight & (off < COARSE * most) & (
+        np.abs(mean[1] - mean[0]) > BENT * most + CERTAIN * off
+    )
+    kept = (bent & straight) | roughly
+    at, before, after, roughly, off = at[kept], before[kept], after[kept], roughly[kept], off[kept]
+    first, last = drive_v[at], drive_v[at + 1]
+    for k in np.flatnonzero(roughly):
+        backwards, first[k] = _line(drive_v[max(at[k] - LINE, 0) : at[k] + 1][::-1], off[k])
+        before[k] = -backwards
+        after[k], last[k] = _line(drive_v[at[k] + 1 : at[k] + 2 + LINE], off[k])
     # from this sample on along the one line, and to the next one along the other
-    share = (change[at] - after) / (before - after)
+    share = (last - first - after) / (before - after)
     inside = (share > INSIDE) & (share < 1.0 - INSIDE)
-    at, before, share = at[inside], before[inside], share[inside]
-    return time_s[at] + share * (time_s[at + 1] - time_s[at]), drive_v[at] + share * before
+    at, before, share, first = at[inside], before[inside], share[inside], first[inside]
+    return time_s[at] + share * (time_s[at + 1] - time_s[at]), first + share * before
+
+
+def _line(volts: FloatArray, off: float) -> tuple[float, float]:
+    """Slope of the roughly straight line that samples (n,) begin with, and its value at the first.
+    """
+    change = np.diff(volts)
+    bent = np.abs(change - np.mean(change[:RUN])) > 2.0 * off
+    straight = max(int(np.argmax(bent)) if bent.any() else change.size, RUN)
+    slope, value = np.polyfit(np.arange(straight + 1), volts[: straight + 1], 1)
+    return float(slope), float(value)
 
 
 def _curve(time_s: FloatArray, drive_v: FloatArray) -> tuple[Points, FloatArray]:

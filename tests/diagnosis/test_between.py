@@ -52,6 +52,34 @@ def test_nothing_is_added_where_no_straight_lines_meet_between_samples(drive):
     assert denser(time, drive(time)) is None
 
 
+@pytest.mark.parametrize("step", [3e-4, 2e-3, 5e-3])
+@pytest.mark.parametrize(("high", "hz"), [(15.0, 3.7), (60.0, 3.1), (75.0, 7.3)])
+def test_lines_meet_where_a_drive_turned_that_was_rounded_when_it_was_recorded(high, hz, step):
+    """A code too many or too few on every sample: lines through many of them, by their scatter."""
+    time = np.arange(4000) / 5000.0
+    drive = step * np.round(triangle(time, high, hz) / step)
+    found = denser(time, drive)
+    at, volts = turns_of(high, hz, time[-1] - 20.0 / 5000.0)
+    share = at * 5000.0 - np.floor(at * 5000.0)
+    between = np.abs(share - 0.5) < 0.4
+    there = found.time_s[~found.given], found.drive_v[~found.given]
+    for t, v in zip(at[between], volts[between], strict=True):
+        k = np.argmin(np.abs(there[0] - t))
+        assert abs(there[1][k] - v) < step
+        assert abs(there[0][k] - t) * 5000.0 < step / (2.0 * high * hz / 5000.0)
+
+
+@pytest.mark.parametrize("step", [3e-4, 2e-3, 2e-2])
+@pytest.mark.parametrize("drive", [
+    lambda t: 37.5 * (1.0 - np.cos(2.0 * np.pi * 1.3 * t)), lambda t: 3.0 * t, lambda t: 0.0 * t,
+    lambda t: np.random.default_rng(1).uniform(0.0, 75.0, t.size),
+    lambda t: 30.0 + 0.5 * np.cumsum(np.random.default_rng(2).standard_normal(t.size)),
+])  # fmt: skip
+def test_rounding_alone_makes_no_corner(drive, step):
+    time = np.arange(4000) / 5000.0
+    assert denser(time, step * np.round(drive(time) / step)) is None
+
+
 def test_a_ramp_begins_and_ends_where_its_line_meets_the_holds():
     time = np.arange(2000) / RATE
     found = denser(time, np.clip(300.0 * (time - 0.10013), 0.0, 50.0))
