@@ -90,7 +90,7 @@ def find_breaks(
             exact = [e for p in mine[:LIKELIEST] if (e := _exact(search, p, mixed)) is not None]
             gained, new = _likeliest(search, groups, exact)
             if new is not None and new.cause == JUMP and mine[0].cause == DROP and (
-                mine[0].gained > gained
+                mine[0].gained > gained and abs(mine[0].at - new.index) < NEAR_S[0] * groups.rate
             ):  # fmt: skip
                 new = None  # a loss that could not be placed is no jump
             if new is not None and search.chance(gained) < level:
