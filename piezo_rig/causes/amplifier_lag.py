@@ -33,7 +33,7 @@ class AmplifierLag(Cause):
     id = "amplifier-lag"
     place = "drive"
     together = True
-    needs_speeds = True
+    of_speed = True
     lasting: ClassVar[str] = "tau"
     law: ClassVar[Mapping[str, float]] = {"time_since_turn": 0.002}
     near: ClassVar[float] = NEAR_IN_TIME

@@ -48,6 +48,7 @@ class Context:
     cycles_before : most cycles that were played in recordings before one
     first_rises : whether any recording begins virgin and rises
     holds : whether the drive stops and stands still again and again
+    corners : whether it mostly turns from one sample to the next
     """
 
     model: Model
@@ -66,6 +67,7 @@ class Context:
     cycles_before: float = 0.0
     first_rises: bool = False
     holds: bool = False
+    corners: bool = False
 
     @property
     def fastest_v_per_s(self) -> float:
@@ -119,7 +121,8 @@ class Cause(Stage):
         are fitted where the effect is so large that what is left of it shows
     brings_along : causes that look like what it still does of what went before a recording, where
         nobody knows that
-    needs_speeds : it can be told from the model's own loop only where half loops differ in speed
+    of_speed : it is told from the model's own loop by half loops that differ in speed, or just
+        after a corner alone, where a loop stands still and it does not
     needs_first_rise : it can show only where the data hold a first rise from rest
     needs_known_order : it can be told only where every recording begins virgin, at a known time,
         and the model has no elements of its own for the first rise
@@ -145,7 +148,7 @@ class Cause(Stage):
     loosened: ClassVar[Mapping[str, float]] = {}
     leaves: ClassVar[float] = 0.05
     brings_along: ClassVar[tuple[str, ...]] = ()
-    needs_speeds: ClassVar[bool] = False
+    of_speed: ClassVar[bool] = False
     needs_first_rise: ClassVar[bool] = False
     needs_known_order: ClassVar[bool] = False
     needs_fixed_model: ClassVar[bool] = False

@@ -46,7 +46,7 @@ class RateDependence(Cause):
     place = "actuator"
     together = True
     law: ClassVar[Mapping[str, float]] = {"frequency": 0.05, "first rise": 0.05}
-    needs_speeds = True
+    of_speed = True
     units: ClassVar[Mapping[str, str]] = {"lag_um": "um", "exponent": "1"}
     optional: ClassVar[Mapping[str, str]] = {"window_s": "s", "widens": "1", "settles": "1"}
     given: ClassVar[tuple[str, ...]] = ("widens", "settles")

@@ -32,7 +32,7 @@ class TimeSkew(Cause):
     id = "time-skew"
     place = "acquisition"
     together = True
-    needs_speeds = True
+    of_speed = True
     lasting: ClassVar[str] = "delay"
     kinked: ClassVar[str] = "delay"
     near: ClassVar[float] = NEAR_IN_TIME

@@ -58,6 +58,7 @@ CAME_TO_NOTHING = "once refitted it came out at a limit, or no different from no
 NEARER = 0.9  # held-out error, of that when a cause was refused, below which it is tried again
 MUCH_NEARER = 0.5  # the same for one that came to nothing
 NEAR = 1.1  # held-out error of a rival, of the best one's
+HARDLY = 0.2  # of the noise: what rivals may leave beside it, and none is the better for it
 # gain of a law let go of, of what any other cause would, while there is one; of what a table would
 PLAINLY, OF_A_TABLE = 2.0, 0.3
 MASKED = 0.5  # worth of a cause, of that of one which was refused for what it predicts
@@ -75,7 +76,7 @@ def climb(
     held_out: Sequence[tuple[Callable[[Fitted], float], float]],
     noise_nm: float,
     others: int = 0,
-    helps: Callable[[Fitted, Fitted], bool] = lambda less, fitted: True,
+    helps: Callable[..., bool] = lambda less, fitted, unseen=True: unseen,
     brief: bool = False,
     begun: Sequence[Step] = (),
     stop: Callable[[Fitted], bool] = lambda fitted: False,
@@ -128,7 +129,7 @@ class Search:
     held_out: Sequence[tuple[Callable[[Fitted], float], float]]
     noise_nm: float
     others: int
-    helps: Callable[[Fitted, Fitted], bool]
+    helps: Callable[..., bool]
     steps: list[Step] = field(default_factory=list)
     scans: list[Scan] = field(default_factory=list)
     barred: dict[str, str] = field(default_factory=dict)
@@ -143,6 +144,7 @@ class Search:
     errors: dict[tuple[int, int], tuple[float, Point]] = field(default_factory=dict)
     stop: Callable[[Fitted], bool] = lambda fitted: False
     stopped: bool = False
+    rivals: list[Fitted] = field(default_factory=list)  # refits that the newest member was one of
 
     @property
     def fitted(self) -> Fitted:
@@ -191,7 +193,8 @@ class Search:
             if good.size and self.let_go(here, plainly * best):
                 continue
             if good.size and self.take(here, found, good, family):
-                self.stopped = len(self.causes) == 1 and self.stop(self.fitted)
+                first = [self.fitted, *self.rivals] if len(self.causes) == 1 else []
+                self.stopped = any(self.stop(fitted) for fitted in first)
                 if self.stopped:
                     return
                 continue
@@ -259,6 +262,7 @@ class Search:
                 continue
             if self.masked(here, worth) or rather(self, here, fitted, id):
                 return True
+            self.rivals = [f for w, _, f in tried if f is not fitted and w > FAR_BEHIND * worth]
             rivals = tuple(
                 result.ids[j] for w, j, _ in tried
                 if j != i and w > worth - NEEDED and not of_base(result.ids[j])
@@ -385,13 +389,26 @@ class Search:
         """Those rivals that predict data which they have not seen about as well as the best.
 
         Between effects as small as the noise this decides nothing, the evidence does. Between
-        large ones it does: there the evidence hangs on what the model cannot do at all.
+        large ones it does: there the evidence hangs on what the model cannot do at all, and what
+        the best of them leaves no more of than noise another one may not leave beyond doubt.
         """
         rivals = [t for t in tried if t[0] > 0.0]
         if len(rivals) < 2:
             return tried
-        least = min(self.error(0, fitted) for _, _, fitted in rivals)
-        return [t for t in tried if t[0] <= 0.0 or self.error(0, t[2]) <= NEAR * least]
+        best = min((fitted for _, _, fitted in rivals), key=lambda f: self.error(0, f))
+        least = self.error(0, best)
+        hardly = float(np.hypot(least, HARDLY * self.noise_nm))
+
+        def carries_over(fitted: Fitted) -> bool:
+            error = self.error(0, fitted)
+            if error <= hardly:
+                return True
+            # its evidence is of elements that give way backwards, and not to be had
+            if fitted.point.at_their_least and not best.point.at_their_least:
+                return False
+            return error <= NEAR * least and not self.helps(fitted, best, False)
+
+        return [t for t in tried if t[0] <= 0.0 or carries_over(t[2])]
 
     def worse(
         self, fitted: Fitted, than: Fitted, doubtful: bool = False, ways: int | None = None

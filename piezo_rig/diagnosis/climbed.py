@@ -69,7 +69,8 @@ class Climbed:
     reading : of the drive monitor, with the delay as the displacement has it
     spread : intervals that are not those of a linear fit
     known : how far laws reach, as far as that has been looked for
-    turned : whether the drive turns between samples, and the ladder was not climbed to its end
+    turned : the model that says that the drive turns between samples, if one does; the ladder was
+        not climbed to its end then
     """
 
     space: Space
@@ -83,7 +84,7 @@ class Climbed:
     reading: Reading | None = None
     spread: Intervals = field(default_factory=dict)
     known: dict[str, Known] = field(default_factory=dict)
-    turned: bool = False
+    turned: Model | None = None
     ladder: Ladder = field(init=False)
     _known: dict[int, tuple[Point, Errors]] = field(default_factory=dict)
 
@@ -103,10 +104,13 @@ class Climbed:
         """Noise of one recording, what no model falls below."""
         return self.floor_nm or self.space.sample_noise_nm
 
-    def helps(self, less: Fitted, fitted: Fitted) -> bool:
-        """Whether the second fit predicts recordings better than the first, beyond doubt."""
+    def helps(self, less: Fitted, fitted: Fitted, unseen: bool = True) -> bool:
+        """Whether the second fit predicts recordings better than the first, beyond doubt.
+
+        ``unseen`` : the answer where nothing is held out
+        """
         if self.kind == "none":
-            return True
+            return unseen
         rng = np.random.default_rng(0)
         return gain(self.errors(less), self.errors(fitted), rng)[1][0] > 0.0
 
@@ -148,7 +152,7 @@ def climbed(
     same = clean if known is None else of_one_history(clean, known)
     for _ in range(ROUNDS):
         out = _climbed(same, start, rng, tell, others, reading, brief)
-        if out.turned:
+        if out.turned is not None:
             return out
         last = out.ladder.last.point.model
         before, left = left, numbers_apart(last)
@@ -200,8 +204,8 @@ def _climbed(
         first = refit(space, point)
         out.monitored.append(Step(AGEING, told[1], first))
     def turns(fitted: Fitted) -> bool:
-        out.turned = turn_between(space, fitted)
-        return out.turned
+        out.turned = fitted.point.model if turn_between(space, fitted) else None
+        return out.turned is not None
 
     some, begun = None if start.fixed else some_of(clean), list[Step]()
     if some is not None:
@@ -217,7 +221,7 @@ def _climbed(
         space, first, rng, tell, out.gates(first), out.noise_nm, others, out.helps, brief, begun,
         turns,
     )  # fmt: skip
-    if out.turned:
+    if out.turned is not None:
         return out
     if brief and out.ladder.steps:
         return out

@@ -172,8 +172,8 @@ def _diagnosed(
         warnings += reading.warnings
     hums = bool(found_early) and found_early[-1].cause == HUM
     search = climbed(clean, start.point, rng, tell, tried, reading, brief=hums)
-    if search.turned:
-        return turned_between(search.ladder.last.point.model)
+    if search.turned is not None:
+        return turned_between(search.turned)
     late = None if hums or not search.ladder.steps else hum_behind(
         clean, search.ladder.last.point.model, SHARE * LEVEL, count
     )  # fmt: skip
@@ -195,7 +195,9 @@ def _diagnosed(
         clean = at_one_phase(whole, better.without(PERIODIC))
         start = plainly(clean, start.point)
         search = climbed(clean, start.point, rng, tell, tried, reading)
-    if search.turned or turn_between(search.space, search.ladder.last):
+    if search.turned is not None:
+        return turned_between(search.turned)
+    if turn_between(search.space, search.ladder.last):
         return turned_between(search.ladder.last.point.model)
     for _ in range(READ_ANEW):
         # phases were read beside all that the baseline leaves; most of that is explained now
@@ -207,8 +209,8 @@ def _diagnosed(
             break
         tell("where recordings stand on the interferometer's scale")
         clean, search = anew, climbed(anew, start.point, rng, tell, tried, reading)
-        if search.turned:
-            return turned_between(search.ladder.last.point.model)
+        if search.turned is not None:
+            return turned_between(search.turned)
     stages = [(f.cause, f.groups) for f in found_early]
     clean = _on_the_scale_of(search.space.groups, clean)
     space, ladder, kind, floor = search.space, search.ladder, search.kind, search.floor_nm

@@ -63,6 +63,16 @@ class Point:
         return sum(len(s.elements) for s in self.tables if s.elements is not None)
 
     @property
+    def at_their_least(self) -> bool:
+        """Whether an element's compliance is as small as it can be."""
+        for stage in self.tables:
+            assert stage.elements is not None
+            c = 1.0 / stage.elements.slopes
+            if c.min() < 2.0 * FLOOR * c.mean():
+                return True
+        return False
+
+    @property
     def coefficients(self) -> list[tuple[str, str]]:
         """Parameters that are fitted with the compliances: stage and name."""
         return [(s.id, n) for s in self.model.stages if s.id not in self.fixed for n in s.linear]

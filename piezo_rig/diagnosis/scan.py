@@ -29,6 +29,7 @@ CLOSE, RUN_OFF = 0.4, 3  # share of the best score, and how many are refitted to
 ALIKE = 0.25  # the same of what looks alike but beside corners
 PLAIN = 300.0  # log-likelihood above which a whole effect is looked for between its examples
 STANDS = 1e-3  # of the largest change from sample to sample, below which a drive stands still
+SOON, SHARP = 2, 0.5  # samples after a turning point; of the usual speed, reached by then
 LEAST_HELD, MANY_STOPS, HELD_SHARE = 20, 4, 0.1  # samples; stops; of all samples
 STEEP_S = 0.002  # over which the drive's slew is taken
 VISIBLE = 3.0  # d' that the largest plausible size must reach, or the cause is not looked for
@@ -101,9 +102,9 @@ def of_base(id: str) -> bool:
 
 
 def by_speed(id: str) -> bool:
-    """Whether a cause is told from the model's own loops by speed alone."""
+    """Whether a cause is told from the model's own loops by speed, or just after corners alone."""
     kind = CAUSES[id]
-    return issubclass(kind, Cause) and kind.needs_speeds
+    return issubclass(kind, Cause) and kind.of_speed
 
 
 def context_of(space: Space, model: Model) -> Context:
@@ -132,7 +133,22 @@ def context_of(space: Space, model: Model) -> Context:
             default=0.0),
         space.groups.has_first_rise,
         _holds(space.groups),
+        _corners(space.groups),
     )  # fmt: skip
+
+
+def _corners(groups: Groups) -> bool:
+    """Whether the drive mostly turns from one sample to the next, at once at full speed."""
+    turns, sharp = 0, 0
+    for g in groups.groups:
+        stop = np.asarray(g.loops.stop[:-1])
+        on = (np.asarray(g.loops.stop[1:]) - stop > SOON) & (stop + SOON < g.drive_v.size)
+        stop, end = stop[on], np.asarray(g.loops.stop[1:])[on]
+        usual = np.abs(g.drive_v[end] - g.drive_v[stop]) / (end - stop)
+        first = np.abs(g.drive_v[stop + SOON] - g.drive_v[stop + SOON - 1])
+        turns += stop.size
+        sharp += int(np.sum(first > SHARP * usual))
+    return sharp > 0.5 * turns
 
 
 def _holds(groups: Groups) -> bool:
@@ -203,11 +219,11 @@ def candidates(space: Space, model: Model) -> tuple[list[Candidate], dict[str, s
                 "the model has one curve for the first rise and all others"
             )
             continue
-        if kind.needs_speeds and not context.several_speeds:
+        if kind.of_speed and not (context.several_speeds or context.corners):
             refused[id] = (
-                "all half loops are about equally fast: a delay, a lag of the drive and a loop "
-                "that opens with speed cannot be told from each other or from the model's own "
-                "loop; several frequencies (rate_sweep) would show it"
+                "all half loops are about equally fast, and turn smoothly: a delay, a lag of the "
+                "drive and a loop that opens with speed cannot be told from each other or from the "
+                "model's own loop; several frequencies (rate_sweep) would show it, or triangles"
             )
             continue
         variants = kind.variants(context)
