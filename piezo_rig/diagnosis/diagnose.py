@@ -12,6 +12,7 @@ import numpy as np
 
 from piezo_rig.causes import CAUSES, named_model
 from piezo_rig.causes.cause import Cause
+from piezo_rig.causes.clock_ratio import ClockRatio
 from piezo_rig.causes.input_bend import InputBend
 from piezo_rig.causes.output_bend import OutputBend
 from piezo_rig.chain import Model
@@ -38,6 +39,7 @@ from piezo_rig.diagnosis.early import (
     find_line,
     hum_again,
     hum_behind,
+    losses_of,
     read_monitor,
 )
 from piezo_rig.diagnosis.early.remembered import without_remembered
@@ -138,9 +140,9 @@ def _diagnosed(
     tried = len(TRIED)
     count = sum(1 for k in CAUSES.values() if issubclass(k, Cause))
 
-    def cleaned() -> tuple[list[Early], Point]:
+    def cleaned(beside: Point | None = None) -> tuple[list[Early], Point]:
         return clean_up(
-            raw, sweeps, start.point,
+            raw, sweeps, beside or start.point,
             lambda groups, p: plainly(groups, p).point, SHARE * LEVEL, count,
         )  # fmt: skip
 
@@ -174,6 +176,22 @@ def _diagnosed(
     search = climbed(clean, start.point, rng, tell, tried, reading, brief=hums)
     if search.turned is not None:
         return turned_between(search.turned)
+    known = losses_of(found_early)
+    while any(s.cause == ClockRatio.id for s in search.ladder.steps) and (
+        any(g.repeats < 2 for g in clean.groups)
+    ):
+        tell("lost samples behind what looks like a clock")
+        base = search.ladder.last.point
+        for step in search.ladder.steps:
+            base = base.without(step.cause)
+        behind, base = cleaned(base)
+        if losses_of(behind) <= known:
+            break
+        known, found_early = losses_of(behind), behind
+        whole = clean = found_early[-1].groups
+        start = plainly(clean, base)
+        hums = found_early[-1].cause == HUM
+        search = climbed(clean, start.point, rng, tell, tried, reading, brief=hums)
     late = None if hums or not search.ladder.steps else hum_behind(
         clean, search.ladder.last.point.model, SHARE * LEVEL, count
     )  # fmt: skip
