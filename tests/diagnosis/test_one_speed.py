@@ -74,7 +74,7 @@ def test_nothing_is_found_in_a_loop_that_is_only_a_loop(seed):
 
 
 def test_one_sine_cannot_show_a_delay_and_the_program_says_so():
-    found = diagnose(sweeps(6, delay=3.4e-4, of=sine))
-    assert not {"amplifier-lag", "time-skew", "rate-dependence"} & {f.cause for f in found.findings}
+    found = diagnose(sweeps(6, of=sine))
+    assert list(found.findings) == []
     for cause in ("amplifier-lag", "time-skew", "rate-dependence"):
         assert "rate_sweep" in found.refused[cause]
