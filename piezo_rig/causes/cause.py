@@ -123,6 +123,7 @@ class Cause(Stage):
         nobody knows that
     of_speed : it is told from the model's own loop by half loops that differ in speed, or just
         after a corner alone, where a loop stands still and it does not
+    at_corners : at one speed it shows there alone too, though no loop does the like
     needs_first_rise : it can show only where the data hold a first rise from rest
     needs_known_order : it can be told only where every recording begins virgin, at a known time,
         and the model has no elements of its own for the first rise
@@ -149,6 +150,7 @@ class Cause(Stage):
     leaves: ClassVar[float] = 0.05
     brings_along: ClassVar[tuple[str, ...]] = ()
     of_speed: ClassVar[bool] = False
+    at_corners: ClassVar[bool] = False
     needs_first_rise: ClassVar[bool] = False
     needs_known_order: ClassVar[bool] = False
     needs_fixed_model: ClassVar[bool] = False

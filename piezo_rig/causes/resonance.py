@@ -46,6 +46,7 @@ class Resonance(Cause):
 
     id = "resonance"
     place = "actuator"
+    at_corners = True
     together = True
     largest: ClassVar[float] = 100.0
     near: ClassVar[float] = NEAR_IN_TIME

@@ -172,8 +172,11 @@ def _with(
     return Denser(np.insert(time_s, at, more_s), np.insert(drive_v, at, more_v), given)
 
 
-def turn_between(space: Space, fitted: Fitted) -> bool:
+def turn_between(space: Space, fitted: Fitted, less: Fitted | None = None) -> bool:
     """Whether a fit is plainly better with corners and curves between samples, where they may be.
+
+    ``less`` : the same without its only member; with them it may be as good: a lag of a
+    fraction of a sample does much of what a corner does that is not put in
     """
     from piezo_rig.diagnosis.engine import space_of
     from piezo_rig.diagnosis.forms import converged
@@ -185,9 +188,18 @@ def turn_between(space: Space, fitted: Fitted) -> bool:
         return False
     there = space_of(turned, space.whitener, fitted.point.model)[0]
     there.own_um, there.loose = space.own_um, space.loose
-    other = converged(there, refit(there, fitted.point, held=True))
     same = converged(space, refit(space, fitted.point, held=True))
+    if less is not None:
+        without = converged(there, refit(there, less.point, held=True))
+        if without.evidence > same.evidence - PLAINLY or _left(without) < _left(same):
+            return True
+    other = converged(there, refit(there, fitted.point, held=True))
     return other.evidence > same.evidence + PLAINLY
+
+
+def _left(fitted: Fitted) -> float:
+    """Squared error over all samples, um^2."""
+    return float(fitted.linear.raw_residual[:, -1].sum())
 
 
 def _shows(space: Space, turned: Groups, fitted: Fitted) -> bool:

@@ -37,7 +37,17 @@ from piezo_rig.diagnosis.own_laws import also, loosen, rather
 from piezo_rig.diagnosis.put_in import LARGE, refitted
 from piezo_rig.diagnosis.reduction import reduce
 from piezo_rig.diagnosis.refit import Fitted, settle
-from piezo_rig.diagnosis.scan import LATER, LEVEL, RUN_OFF, Found, Scan, of_base, scan
+from piezo_rig.diagnosis.scan import (
+    LATER,
+    LEVEL,
+    RUN_OFF,
+    Found,
+    Scan,
+    by_speed,
+    context_of,
+    of_base,
+    scan,
+)
 from piezo_rig.diagnosis.scores import score_generic
 from piezo_rig.diagnosis.space import Space
 from piezo_rig.diagnosis.spare import AMISS, NEEDED, clear, faint, idle, one_by_one, prune
@@ -64,6 +74,8 @@ PLAINLY, OF_A_TABLE = 2.0, 0.3
 MASKED = 0.5  # worth of a cause, of that of one which was refused for what it predicts
 HOPE = 1.5  # times what the last step of a climb gained that each further one may gain
 PAIR = 2  # causes, each gaining as much as the best by a linear look, that may do for a detour
+MOST_OF_IT = 0.5  # the same of a cause that shows at corners alone
+OF_A_CORNER = "at one speed it shows just after corners alone, and explains little of what is amiss"
 MUCH_OF_IT = 0.7  # squared error beyond the noise, of that before, with what explains much of it
 Tell = Callable[[str], None]
 
@@ -254,6 +266,7 @@ class Search:
                 fitted = converged(self.space, fitted)
             doubtful = family[i] > DOUBTFUL or self.may_go_on(id)
             worse = self.worse(fitted, here, doubtful) or self.of_a_law(fitted, id)
+            worse = worse or self.of_a_corner(fitted, here, id)
             if worse is None and doubtful and not self.helps(here, fitted):
                 worse = "fits, but does not predict data that it has not seen better beyond doubt"
             if worse is not None:
@@ -430,6 +443,20 @@ class Search:
         if before > FAR_OFF * self.noise_nm and self.error(0, fitted) > helps * before:
             return OF_THE_MISFIT
         return None
+
+    def of_a_corner(self, fitted: Fitted, here: Fitted, id: str) -> str | None:
+        """Why a cause that shows just after corners alone is refused: elements that are too coarse
+        are wrong there too. It has to explain most of what is amiss.
+        """
+        kind = CAUSES[id]
+        if not (by_speed(id) or (issubclass(kind, Cause) and kind.at_corners)):
+            return None
+        if context_of(self.space, here.point.model).several_speeds:
+            return None
+        before, after = (
+            max(self.error(0, f) ** 2 - self.noise_nm**2, 0.0) for f in (here, fitted)
+        )
+        return OF_A_CORNER if after > MOST_OF_IT * before else None
 
     def of_a_law(self, fitted: Fitted, id: str) -> str | None:
         """Why a small effect is refused beside a large one whose law is only assumed."""

@@ -204,7 +204,7 @@ def _climbed(
         first = refit(space, point)
         out.monitored.append(Step(AGEING, told[1], first))
     def turns(fitted: Fitted) -> bool:
-        out.turned = fitted.point.model if turn_between(space, fitted) else None
+        out.turned = fitted.point.model if turn_between(space, fitted, first) else None
         return out.turned is not None
 
     some, begun = None if start.fixed else some_of(clean), list[Step]()
