@@ -188,10 +188,13 @@ def _diagnosed(
         if losses_of(behind) <= known:
             break
         known, found_early = losses_of(behind), behind
-        whole = clean = found_early[-1].groups
+        whole = found_early[-1].groups
+        clean = at_one_phase(whole, plainly(whole, base).point.model)
         start = plainly(clean, base)
         hums = found_early[-1].cause == HUM
         search = climbed(clean, start.point, rng, tell, tried, reading, brief=hums)
+        if search.turned is not None:
+            return turned_between(search.turned)
     late = None if hums or not search.ladder.steps else hum_behind(
         clean, search.ladder.last.point.model, SHARE * LEVEL, count
     )  # fmt: skip
