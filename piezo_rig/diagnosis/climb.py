@@ -74,7 +74,8 @@ PLAINLY, OF_A_TABLE = 2.0, 0.3
 MASKED = 0.5  # worth of a cause, of that of one which was refused for what it predicts
 HOPE = 1.5  # times what the last step of a climb gained that each further one may gain
 PAIR = 2  # causes, each gaining as much as the best by a linear look, that may do for a detour
-MOST_OF_IT = 0.5  # the same of a cause that shows at corners alone
+# squared error beyond the noise, of that before, with a cause that shows at corners alone
+MOST_OF_IT = 0.5
 OF_A_CORNER = "at one speed it shows just after corners alone, and explains little of what is amiss"
 MUCH_OF_IT = 0.7  # squared error beyond the noise, of that before, with what explains much of it
 Tell = Callable[[str], None]
