@@ -16,6 +16,7 @@ from piezo_rig.diagnosis.held import own_um_of
 from piezo_rig.diagnosis.ladder import Step
 from piezo_rig.diagnosis.put_in import refitted
 from piezo_rig.diagnosis.refit import Fitted, refit
+from piezo_rig.diagnosis.refusals import worse
 from piezo_rig.diagnosis.scan import LEVEL, Found, score_powers
 
 if TYPE_CHECKING:
@@ -50,7 +51,7 @@ def bend(search: Search, here: Fitted, found: Found, good: NDArray[np.int64]) ->
     fitted = refit(search.space, Point(bent, (), here.point.sizes), held=True)
     fitted = converged(search.space, fitted)  # what made up for the bend has to move
     # of one loop alone bend and tables are hardly told apart: cycles that are left out refuse it
-    if search.worse(fitted, here, ways=1) is not None:
+    if worse(search, fitted, here, ways=1) is not None:
         return False
     if ratio <= best and search.error(0, fitted) > MUCH * search.error(0, here):
         search.refused_at[BEND] = NEARER * search.error(0, here)

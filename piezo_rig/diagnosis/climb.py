@@ -19,7 +19,6 @@ from piezo_rig.causes import CAUSES
 from piezo_rig.causes.cause import Cause, FirstSpring
 from piezo_rig.diagnosis.abreast import abreast
 from piezo_rig.diagnosis.bends import BEND, bend, with_own_bend
-from piezo_rig.diagnosis.confusion import strengths
 from piezo_rig.diagnosis.detours import ONE_MORE, around, together
 from piezo_rig.diagnosis.fit import Point
 from piezo_rig.diagnosis.forms import (
@@ -37,46 +36,41 @@ from piezo_rig.diagnosis.own_laws import also, loosen, rather
 from piezo_rig.diagnosis.put_in import LARGE, refitted
 from piezo_rig.diagnosis.reduction import reduce
 from piezo_rig.diagnosis.refit import Fitted, settle
+from piezo_rig.diagnosis.refusals import (
+    FAR_OFF,
+    MUCH,
+    OF_THE_MISFIT,
+    carrying,
+    of_a_corner,
+    of_a_law,
+    worse,
+)
 from piezo_rig.diagnosis.scan import (
     LATER,
     LEVEL,
     RUN_OFF,
     Found,
     Scan,
-    by_speed,
-    context_of,
     of_base,
     scan,
 )
 from piezo_rig.diagnosis.scores import score_generic
 from piezo_rig.diagnosis.space import Space
 from piezo_rig.diagnosis.spare import AMISS, NEEDED, clear, faint, idle, one_by_one, prune
-from piezo_rig.diagnosis.wandering import wanders
 
 FloatArray = NDArray[np.float64]
 MOST = 8  # findings
 DOUBTFUL = 1e-6  # chance of a false alarm above which a cause must predict unseen data better
 FAR_BEHIND = 0.5  # of the best refit's gain: below it a rival's reach is not looked for
-OFF = 2.5  # an effect must be so many times what a law may be off by
 ROUNDS, FEW = 2, 3
-FAR_OFF, HELPS = 2.0, 0.97  # so many times the noise; held-out error after a step, of that before
-MUCH = 0.8  # the same where a model is held fixed and lacks what the actuator has
-OF_THE_MISFIT = (
-    "fits, but predicts data that it has not seen no better, while the model is still far off"
-)
 CAME_TO_NOTHING = "once refitted it came out at a limit, or no different from nothing"
 NEARER = 0.9  # held-out error, of that when a cause was refused, below which it is tried again
 MUCH_NEARER = 0.5  # the same for one that came to nothing
-NEAR = 1.1  # held-out error of a rival, of the best one's
-HARDLY = 0.2  # of the noise: what rivals may leave beside it, and none is the better for it
 # gain of a law let go of, of what any other cause would, while there is one; of what a table would
 PLAINLY, OF_A_TABLE = 2.0, 0.3
 MASKED = 0.5  # worth of a cause, of that of one which was refused for what it predicts
 HOPE = 1.5  # times what the last step of a climb gained that each further one may gain
 PAIR = 2  # causes, each gaining as much as the best by a linear look, that may do for a detour
-# squared error beyond the noise, of that before, with a cause that shows at corners alone
-MOST_OF_IT = 0.5
-OF_A_CORNER = "at one speed it shows just after corners alone, and explains little of what is amiss"
 MUCH_OF_IT = 0.7  # squared error beyond the noise, of that before, with what explains much of it
 Tell = Callable[[str], None]
 
@@ -232,7 +226,7 @@ class Search:
             left = self.error(0, fitted) ** 2 - self.noise_nm**2
             id = found.result.ids[i]
             if worth > ONE_MORE and left < MUCH_OF_IT * amiss and (
-                self.worse(fitted, here) is None and self.of_a_law(fitted, id) is None
+                worse(self, fitted, here) is None and of_a_law(self, fitted, id) is None
             ):  # fmt: skip
                 self.accept(Step(id, float(family[i]), fitted))
                 self.tidy()
@@ -257,7 +251,7 @@ class Search:
         bends = [i for i, id in enumerate(result.ids) if of_base(id) and i not in close]
         if bends and self.still_far_off(here, [fitted for _, _, fitted in tried]):
             tried += self.tried(here, found, bends)
-        for worth, i, fitted in sorted(self.carrying(tried), key=lambda t: -t[0]):
+        for worth, i, fitted in sorted(carrying(self, tried), key=lambda t: -t[0]):
             id = result.ids[i]
             if worth <= 0.0:
                 why = "once refitted it says no more than the model without it"
@@ -266,13 +260,13 @@ class Search:
             if fitted.evidence - here.evidence > LARGE:
                 fitted = converged(self.space, fitted)
             doubtful = family[i] > DOUBTFUL or self.may_go_on(id)
-            worse = self.worse(fitted, here, doubtful) or self.of_a_law(fitted, id)
-            worse = worse or self.of_a_corner(fitted, here, id)
-            if worse is None and doubtful and not self.helps(here, fitted):
-                worse = "fits, but does not predict data that it has not seen better beyond doubt"
-            if worse is not None:
+            against = worse(self, fitted, here, doubtful) or of_a_law(self, fitted, id)
+            against = against or of_a_corner(self, fitted, here, id)
+            if against is None and doubtful and not self.helps(here, fitted):
+                against = "fits, but does not predict data that it has not seen better beyond doubt"
+            if against is not None:
                 self.spoiled[id] = Step(id, float(family[i]), fitted)
-                self.bar(id, here, worse, NEARER)
+                self.bar(id, here, against, NEARER)
                 continue
             if self.masked(here, worth) or rather(self, here, fitted, id):
                 return True
@@ -398,90 +392,6 @@ class Search:
             k: why for k, why in self.barred.items()
             if why != OF_THE_MISFIT and left > self.refused_at.get(k, 0.0)
         }  # fmt: skip
-
-    def carrying(self, tried: list[tuple[float, int, Fitted]]) -> list[tuple[float, int, Fitted]]:
-        """Those rivals that predict data which they have not seen about as well as the best.
-
-        Between effects as small as the noise this decides nothing, the evidence does. Between
-        large ones it does: there the evidence hangs on what the model cannot do at all, and what
-        the best of them leaves no more of than noise another one may not leave beyond doubt.
-        """
-        rivals = [t for t in tried if t[0] > 0.0]
-        if len(rivals) < 2:
-            return tried
-        best = min((fitted for _, _, fitted in rivals), key=lambda f: self.error(0, f))
-        least = self.error(0, best)
-        hardly = float(np.hypot(least, HARDLY * self.noise_nm))
-
-        def carries_over(fitted: Fitted) -> bool:
-            error = self.error(0, fitted)
-            if error <= hardly:
-                return True
-            # its evidence is of elements that give way backwards, and not to be had
-            if fitted.point.at_their_least and not best.point.at_their_least:
-                return False
-            return error <= NEAR * least and not self.helps(fitted, best, False)
-
-        return [t for t in tried if t[0] <= 0.0 or carries_over(t[2])]
-
-    def worse(
-        self, fitted: Fitted, than: Fitted, doubtful: bool = False, ways: int | None = None
-    ) -> str | None:
-        """Why an extension is refused: it does not carry over; None where it does.
-
-        ``doubtful`` : the evidence is not overwhelming, and the extension must predict better;
-        ``ways`` : only the first so many ways of holding out are asked
-        """
-        for k, (_, limit) in enumerate(self.held_out[:ways]):
-            value, error = self.error(k, fitted), self.error(k, than)
-            if value > (1.0 if doubtful and k == 0 else limit) * error:
-                return (
-                    f"fits, but predicts data that it has not seen worse ({value:.3g} nm "
-                    f"against {error:.3g} nm)"
-                )
-        before = self.error(0, than)
-        helps = MUCH if self.space.loose else HELPS
-        if before > FAR_OFF * self.noise_nm and self.error(0, fitted) > helps * before:
-            return OF_THE_MISFIT
-        return None
-
-    def of_a_corner(self, fitted: Fitted, here: Fitted, id: str) -> str | None:
-        """Why a cause that shows just after corners alone is refused: elements that are too coarse
-        are wrong there too. It has to explain most of what is amiss.
-        """
-        kind = CAUSES[id]
-        if not (by_speed(id) or (issubclass(kind, Cause) and kind.at_corners)):
-            return None
-        if context_of(self.space, here.point.model).several_speeds:
-            return None
-        before, after = (
-            max(self.error(0, f) ** 2 - self.noise_nm**2, 0.0) for f in (here, fitted)
-        )
-        return OF_A_CORNER if after > MOST_OF_IT * before else None
-
-    def of_a_law(self, fitted: Fitted, id: str) -> str | None:
-        """Why a small effect is refused beside a large one whose law is only assumed."""
-        if (wandering := wanders(self.space, fitted, id)) is not None:
-            return wandering
-        kind, model = CAUSES[id], fitted.point.model
-        own, groups = model.stage(id), self.space.groups
-        if isinstance(own, Cause):
-            late_s = own.late_s(groups.travel_um / groups.span_v)
-            for stage in model.stages:
-                if isinstance(stage, Cause) and late_s < stage.as_late_s:
-                    return f"no longer than what {stage.id} leaves open by how fast it begins"
-        if not issubclass(kind, Cause) or not kind.law:
-            return None
-        laws = {c: min(kind.law.values()) for c in self.causes
-                if c != id and issubclass(kind := CAUSES[c], Cause) and kind.law}  # fmt: skip
-        if not laws:
-            return None
-        settle(self.space, fitted.point)
-        found = strengths(self.space, fitted, [id, *laws])
-        for other, share in laws.items():
-            if found[id] < OFF * share * found[other]:
-                return f"no larger than what the assumed law of {other} may be wrong by"
-        return None
 
     def keep_error(self, fitted: Fitted, error: float) -> None:
         """Held-out error of a rung by the first way of holding out, found elsewhere."""

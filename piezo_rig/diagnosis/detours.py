@@ -13,6 +13,7 @@ from piezo_rig.causes import CAUSES
 from piezo_rig.diagnosis.abreast import abreast
 from piezo_rig.diagnosis.confusion import strengths
 from piezo_rig.diagnosis.refit import Fitted, refit, settle
+from piezo_rig.diagnosis.refusals import worse
 from piezo_rig.diagnosis.scan import LATER, FloatArray, Scan, by_speed, scan
 from piezo_rig.diagnosis.spare import NEEDED
 
@@ -74,7 +75,7 @@ def detour(search: Search) -> bool:
         better = NEEDED + ONE_MORE * more if more >= 0 else -NEEDED  # than with one to spare
         if other.fitted.evidence < full.evidence + better:
             continue
-        if other.worse(other.fitted, full) is not None:
+        if worse(other, other.fitted, full) is not None:
             continue
         search.steps, search.barred, search.rearranged = other.steps, other.barred, True
         search.scans += other.scans
@@ -130,7 +131,7 @@ def together(search: Search, here: Fitted) -> bool:
     if not good.size or not other.take(first.fitted, found, good, family):
         return False
     if len(other.causes) != len(search.causes) + 2 or other.left_over() or (
-        other.worse(other.fitted, here) is not None
+        worse(other, other.fitted, here) is not None
     ):  # fmt: skip
         return False
     search.steps, search.barred, search.rearranged = other.steps, other.barred, other.rearranged

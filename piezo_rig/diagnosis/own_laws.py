@@ -15,6 +15,7 @@ from piezo_rig.diagnosis.likelihood import Likelihood
 from piezo_rig.diagnosis.put_in import descended
 from piezo_rig.diagnosis.reduction import reduce
 from piezo_rig.diagnosis.refit import Fitted, settle, wholly
+from piezo_rig.diagnosis.refusals import worse
 from piezo_rig.diagnosis.scan import context_of
 from piezo_rig.diagnosis.spare import prune, stood_in
 
@@ -42,7 +43,7 @@ def loosen(search: Search, here: Fitted, best: float) -> bool:
         search.tell(f"refit with {id} of its own law")
         fitted = wholly(search.space, point)
         gained = fitted.evidence - here.evidence
-        if gained > max(LOOSE, best) and search.worse(fitted, here) is None:
+        if gained > max(LOOSE, best) and worse(search, fitted, here) is None:
             search.steps[-1] = replace(search.steps[-1], fitted=fitted)
             search.rearranged = True  # the gain is that of the member, not of the latest rung
             stood_in(search, id)
@@ -84,7 +85,7 @@ def also(search: Search, here: Fitted, best: float) -> bool:
         point = Point(model.with_stage(form), here.point.fixed, here.point.sizes)
         fitted = descended(search.space, _all_free(point, form), here, most)
         if fitted.evidence - here.evidence > max(MORE, best) and (
-            search.worse(fitted, here) is None
+            worse(search, fitted, here) is None
         ):  # fmt: skip
             search.steps[-1] = replace(search.steps[-1], fitted=fitted)
             search.rearranged = True

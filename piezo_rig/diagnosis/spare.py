@@ -17,6 +17,7 @@ from piezo_rig.diagnosis.fit import Point
 from piezo_rig.diagnosis.ladder import Ladder, Step
 from piezo_rig.diagnosis.needed import needless, plain_bend, worth_needed
 from piezo_rig.diagnosis.refit import Fitted, refit, settle, wholly
+from piezo_rig.diagnosis.refusals import of_a_law
 from piezo_rig.diagnosis.scan import of_base
 from piezo_rig.diagnosis.space import Space
 from piezo_rig.diagnosis.unexplained import unexplained
@@ -101,7 +102,7 @@ def prune(search: Search) -> None:
                 search.drop(id, new, less)
                 new = search.steps[-1]
     for id in search.causes[:-1]:
-        if search.of_a_law(new.fitted, id) is not None:
+        if of_a_law(search, new.fitted, id) is not None:
             search.tell(f"refit without {id}")
             search.drop(id, new, refit(search.space, new.fitted.point.without(id), held=True))
             new = search.steps[-1]

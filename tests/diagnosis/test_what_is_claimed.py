@@ -12,6 +12,7 @@ from piezo_rig.chain import Elements, Maxwell, Model, Parameter
 from piezo_rig.diagnosis.chances import as_held
 from piezo_rig.diagnosis.claimed import _no_finer
 from piezo_rig.diagnosis.climb import Search
+from piezo_rig.diagnosis.refusals import of_a_law
 
 TABLE = Elements.from_curve(np.array([1.0, 75.0]), np.array([0.1, 0.12]))
 
@@ -60,5 +61,5 @@ def test_a_delay_is_no_finding_that_the_law_of_a_creep_leaves_open(
         model = model.with_stage(CAUSES["creep"].of(None, rate_per_decade=rate))
     space = SimpleNamespace(groups=SimpleNamespace(travel_um=10.0, span_v=80.0))
     search = Search(space, None, np.random.default_rng(0), print, [], 1.0, 0, lambda a, b: True)
-    why = search.of_a_law(SimpleNamespace(point=SimpleNamespace(model=model)), cause)
+    why = of_a_law(search, SimpleNamespace(point=SimpleNamespace(model=model)), cause)
     assert (why is not None and "creep" in why) == refused

@@ -1,0 +1,119 @@
+"""Why a ladder refuses an extension that fits."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from piezo_rig.causes import CAUSES
+from piezo_rig.causes.cause import Cause
+from piezo_rig.diagnosis.confusion import strengths
+from piezo_rig.diagnosis.refit import Fitted, settle
+from piezo_rig.diagnosis.scan import by_speed, context_of
+from piezo_rig.diagnosis.wandering import wanders
+
+if TYPE_CHECKING:
+    from piezo_rig.diagnosis.climb import Search
+
+NEAR = 1.1  # held-out error of a rival, of the best one's
+HARDLY = 0.2  # of the noise: what rivals may leave beside it, and none is the better for it
+OFF = 2.5  # an effect must be so many times what a law may be off by
+FAR_OFF, HELPS = 2.0, 0.97  # so many times the noise; held-out error after a step, of that before
+MUCH = 0.8  # the same where a model is held fixed and lacks what the actuator has
+OF_A_CORNER = "at one speed it shows just after corners alone, and explains little of what is amiss"
+# squared error beyond the noise, of that before, with a cause that shows at corners alone
+MOST_OF_IT = 0.5
+OF_THE_MISFIT = (
+    "fits, but predicts data that it has not seen no better, while the model is still far off"
+)
+
+
+def carrying(
+    search: Search, tried: list[tuple[float, int, Fitted]]
+) -> list[tuple[float, int, Fitted]]:
+    """Those rivals that predict data which they have not seen about as well as the best.
+
+    Between effects as small as the noise this decides nothing, the evidence does. Between
+    large ones it does: there the evidence hangs on what the model cannot do at all, and what
+    the best of them leaves no more of than noise another one may not leave beyond doubt.
+    """
+    rivals = [t for t in tried if t[0] > 0.0]
+    if len(rivals) < 2:
+        return tried
+    best = min((fitted for _, _, fitted in rivals), key=lambda f: search.error(0, f))
+    least = search.error(0, best)
+    hardly = float(np.hypot(least, HARDLY * search.noise_nm))
+
+    def carries_over(fitted: Fitted) -> bool:
+        error = search.error(0, fitted)
+        if error <= hardly:
+            return True
+        # its evidence is of elements that give way backwards, and not to be had
+        if fitted.point.at_their_least and not best.point.at_their_least:
+            return False
+        return error <= NEAR * least and not search.helps(fitted, best, False)
+
+    return [t for t in tried if t[0] <= 0.0 or carries_over(t[2])]
+
+
+def worse(
+    search: Search, fitted: Fitted, than: Fitted, doubtful: bool = False, ways: int | None = None
+) -> str | None:
+    """Why an extension is refused: it does not carry over; None where it does.
+
+    ``doubtful`` : the evidence is not overwhelming, and the extension must predict better;
+    ``ways`` : only the first so many ways of holding out are asked
+    """
+    for k, (_, limit) in enumerate(search.held_out[:ways]):
+        value, error = search.error(k, fitted), search.error(k, than)
+        if value > (1.0 if doubtful and k == 0 else limit) * error:
+            return (
+                f"fits, but predicts data that it has not seen worse ({value:.3g} nm "
+                f"against {error:.3g} nm)"
+            )
+    before = search.error(0, than)
+    helps = MUCH if search.space.loose else HELPS
+    if before > FAR_OFF * search.noise_nm and search.error(0, fitted) > helps * before:
+        return OF_THE_MISFIT
+    return None
+
+
+def of_a_corner(search: Search, fitted: Fitted, here: Fitted, id: str) -> str | None:
+    """Why a cause that shows just after corners alone is refused: elements that are too coarse
+    are wrong there too. It has to explain most of what is amiss.
+    """
+    kind = CAUSES[id]
+    if not (by_speed(id) or (issubclass(kind, Cause) and kind.at_corners)):
+        return None
+    if context_of(search.space, here.point.model).several_speeds:
+        return None
+    before, after = (
+        max(search.error(0, f) ** 2 - search.noise_nm**2, 0.0) for f in (here, fitted)
+    )
+    return OF_A_CORNER if after > MOST_OF_IT * before else None
+
+
+def of_a_law(search: Search, fitted: Fitted, id: str) -> str | None:
+    """Why a small effect is refused beside a large one whose law is only assumed."""
+    if (wandering := wanders(search.space, fitted, id)) is not None:
+        return wandering
+    kind, model = CAUSES[id], fitted.point.model
+    own, groups = model.stage(id), search.space.groups
+    if isinstance(own, Cause):
+        late_s = own.late_s(groups.travel_um / groups.span_v)
+        for stage in model.stages:
+            if isinstance(stage, Cause) and late_s < stage.as_late_s:
+                return f"no longer than what {stage.id} leaves open by how fast it begins"
+    if not issubclass(kind, Cause) or not kind.law:
+        return None
+    laws = {c: min(kind.law.values()) for c in search.causes
+            if c != id and issubclass(kind := CAUSES[c], Cause) and kind.law}  # fmt: skip
+    if not laws:
+        return None
+    settle(search.space, fitted.point)
+    found = strengths(search.space, fitted, [id, *laws])
+    for other, share in laws.items():
+        if found[id] < OFF * share * found[other]:
+            return f"no larger than what the assumed law of {other} may be wrong by"
+    return None
