@@ -76,7 +76,7 @@ def test_a_detour_may_need_one_member_more_than_what_it_goes_around(fitted, monk
                     lambda less, full: True, steps)  # fmt: skip
     tried = []
     monkeypatch.setattr(Search, "forward", lambda self: tried.append(self.most))
-    monkeypatch.setattr(Search, "worse", lambda *_: "predicts worse")
+    monkeypatch.setattr("piezo_rig.diagnosis.detours.worse", lambda *_: "predicts worse")
     monkeypatch.setattr(detours, "rivals_of", lambda *_: ["cycle-aging"])
     assert not detours.detour(search)
     assert tried == [3, 3]
@@ -102,7 +102,7 @@ def test_a_detour_with_one_member_more_must_be_plainly_better(fitted, monkeypatc
     here = replace(one, evidence=0.0)
     monkeypatch.setattr(detours, "rivals_of", lambda *_: ["cycle-aging"])
     monkeypatch.setattr(detours, "_one_by_one", lambda search: [("creep", one, SCANNED)])
-    monkeypatch.setattr(Search, "worse", lambda *_: None)
+    monkeypatch.setattr("piezo_rig.diagnosis.detours.worse", lambda *_: None)
     for gained, better in ((10.0, False), (40.0, True)):
         found = [Step(c, 1e-9, replace(both, evidence=gained)) for c in THREE]
         monkeypatch.setattr(Search, "forward", lambda self, found=found: setattr(
@@ -117,7 +117,7 @@ def test_a_detour_with_one_member_more_must_be_plainly_better(fitted, monkeypatc
 def test_a_detour_that_does_without_a_member_need_not_be_better(fitted, monkeypatch):
     space, one, both = fitted
     monkeypatch.setattr(Search, "forward", lambda self: None)
-    monkeypatch.setattr(Search, "worse", lambda *_: None)
+    monkeypatch.setattr("piezo_rig.diagnosis.detours.worse", lambda *_: None)
     monkeypatch.setattr(detours, "rivals_of", lambda *_: ["cycle-aging"])
     monkeypatch.setattr(detours, "_one_by_one", lambda search: [("thermal-drift", less, DRIFT)])
     for lost, better in ((1.0, True), (10.0, False)):
