@@ -71,9 +71,7 @@ class Cells:
             return mean
         out = np.empty((*lead, self.size))
         out[..., self.begins[:-1][~self.split]] = mean[..., ~self.split]
-        for i, j in self.runs:
-            single = cut[..., i:j, :].reshape(*lead, (j - i) * self.factor)
-            out[..., self.begins[i] : self.begins[j]] = single
+        out[..., self.single] = cut[..., self.split, :].reshape(*lead, -1)
         return out
 
     def averages(self, values: FloatArray) -> FloatArray:
@@ -83,10 +81,19 @@ class Cells:
         out = np.empty((*values.shape[:-1], len(self.marks)))
         out[..., ~self.split] = values[..., self.begins[:-1][~self.split]]
         even = np.full(self.factor, 1.0 / self.factor)
-        for i, j in self.runs:
-            single = values[..., self.begins[i] : self.begins[j]]
-            out[..., i:j] = single.reshape(*values.shape[:-1], j - i, self.factor) @ even
+        single = values[..., self.single].reshape(*values.shape[:-1], -1, self.factor)
+        out[..., self.split] = single @ even
         return out
+
+    @cached_property
+    def single(self) -> NDArray[np.int64]:
+        """Where single samples are in the shortened stretch."""
+        return np.flatnonzero(np.repeat(self.split, np.diff(self.begins)))
+
+    @cached_property
+    def whole(self) -> NDArray[np.int64]:
+        """Where the averages of cells that are not split are in the shortened stretch."""
+        return self.begins[:-1][~self.split]
 
     @cached_property
     def runs(self) -> list[tuple[int, int]]:

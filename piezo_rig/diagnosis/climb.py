@@ -51,6 +51,7 @@ from piezo_rig.diagnosis.scan import (
     RUN_OFF,
     Found,
     Scan,
+    by_speed,
     of_base,
     scan,
 )
@@ -73,6 +74,7 @@ HOPE = 1.5  # times what the last step of a climb gained that each further one m
 PAIR = 2  # causes, each gaining as much as the best by a linear look, that may do for a detour
 MUCH_OF_IT = 0.7  # squared error beyond the noise, of that before, with what explains much of it
 Tell = Callable[[str], None]
+Tried = tuple[float, int, Fitted]  # what a cause is worth once refitted, its number, the refit
 
 
 def climb(
@@ -194,7 +196,11 @@ class Search:
             if good.size and CAUSES[result.ids[good[np.argmax(result.ratio[good])]]].has_elements:
                 plainly = OF_A_TABLE  # which does whatever the law lacks, and much besides
             if bend(self, here, found, good):
-                continue
+                # bends are projected off before causes are scored: a small one changes no score
+                small = self.fitted.evidence < here.evidence + LARGE
+                if good.size or not small or self.left_over():
+                    continue
+                return
             if here.evidence + HOPE * min(self.most - len(self.causes), PAIR) * best < self.goal:
                 return
             if good.size and self.let_go(here, plainly * best):
@@ -248,6 +254,7 @@ class Search:
         result = found.result
         close = result.close(good)
         tried = self.tried(here, found, close)
+        tried += self.tried(here, found, self.as_fast(here, result, good, tried), tried)
         bends = [i for i, id in enumerate(result.ids) if of_base(id) and i not in close]
         if bends and self.still_far_off(here, [fitted for _, _, fitted in tried]):
             tried += self.tried(here, found, bends)
@@ -280,6 +287,20 @@ class Search:
             return True
         return bool(close)
 
+    def as_fast(
+        self, here: Fitted, result: Scan, good: NDArray[np.int64], tried: Sequence[Tried]
+    ) -> list[int]:
+        """What may be taken for the likeliest cause that goes by speed, unless that one neither
+        promised nor gained nearly as much as the best refit.
+        """
+        gained = {i: fitted.evidence - here.evidence for _, i, fitted in tried}
+        least = FAR_BEHIND * max(gained.values(), default=0.0)
+        near = any(
+            max(gained.get(i, 0.0), result.excess[i]) >= least
+            for i in result.close(good) if by_speed(result.ids[i])
+        )  # fmt: skip
+        return result.alike(good) if near else []
+
     def may_go_on(self, id: str) -> bool:
         """Whether what a member brings along from before a recording may be all there is of it."""
         members = [CAUSES[c] for c in self.causes]
@@ -295,11 +316,16 @@ class Search:
         return min((self.error(0, fitted) for fitted in tried), default=error) > MUCH * error
 
     def tried(
-        self, here: Fitted, found: Found, close: Sequence[int] | NDArray[np.int64]
-    ) -> list[tuple[float, int, Fitted]]:
+        self, here: Fitted, found: Found, close: Sequence[int] | NDArray[np.int64],
+        before: Sequence[Tried] = (),
+    ) -> list[Tried]:
         """What causes are worth once refitted, their numbers, the refits; without those of which
         nothing is left.
+
+        ``before`` : others that they are compared with
         """
+        if not len(close):
+            return []
         result = found.result
         self.tell(f"refit with {' or '.join(result.ids[i] for i in close)}")
         slow = sorted(map(int, close), key=lambda i: not _slow(result.ids[i]))  # these first
@@ -309,13 +335,14 @@ class Search:
         begun = [(int(i), f) for i in close if (f := refits[int(i)]) is not None]
         for i in set(map(int, close)) - {i for i, _ in begun}:
             self.came_to_nothing(result.ids[i], here)
-        most = max((f.evidence - here.evidence for _, f in begun), default=0.0)
+        fits = [*(fitted for *_, fitted in before), *(f for _, f in begun)]
+        most = max((f.evidence - here.evidence for f in fits), default=0.0)
         known = [part for _, f in begun for part in f.parts]
         # laws first: their forms are many
         begun.sort(key=lambda b: "reach" not in CAUSES[result.ids[b[0]]].optional)
         grow = [partial(self.grown, here, found, i, f, most) for i, f in begun]
         grown = abreast(self.space, grow, [*here.parts, *known])
-        tried: list[tuple[float, int, Fitted]] = []
+        tried: list[Tried] = []
         for (i, _), (worth, fitted, error) in zip(begun, grown, strict=True):
             tried.append((worth, i, fitted))
             if error is not None:

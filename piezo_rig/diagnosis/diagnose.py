@@ -36,10 +36,10 @@ from piezo_rig.diagnosis.early import (
     Early,
     Reading,
     clean_up,
+    credited,
     find_line,
     hum_again,
     hum_behind,
-    losses_of,
     read_monitor,
 )
 from piezo_rig.diagnosis.early.remembered import without_remembered
@@ -176,7 +176,7 @@ def _diagnosed(
     search = climbed(clean, start.point, rng, tell, tried, reading, brief=hums)
     if search.turned is not None:
         return turned_between(search.turned)
-    known = losses_of(found_early)
+    known = credited(found_early)
     while any(s.cause == ClockRatio.id for s in search.ladder.steps) and (
         any(g.repeats < 2 for g in clean.groups)
     ):
@@ -185,13 +185,13 @@ def _diagnosed(
         for step in search.ladder.steps:
             base = base.without(step.cause)
         behind, base = cleaned(base)
-        if losses_of(behind) <= known:
+        if credited(behind) <= known:
             break
-        known, found_early = losses_of(behind), behind
-        whole = found_early[-1].groups
+        known, found_early = credited(behind), behind
+        whole = found_early[-1].groups if found_early else raw
         clean = at_one_phase(whole, plainly(whole, base).point.model)
         start = plainly(clean, base)
-        hums = found_early[-1].cause == HUM
+        hums = bool(found_early) and found_early[-1].cause == HUM
         search = climbed(clean, start.point, rng, tell, tried, reading, brief=hums)
         if search.turned is not None:
             return turned_between(search.turned)

@@ -77,22 +77,31 @@ class Scan:
     def close(self, good: NDArray[np.int64]) -> list[int]:
         """Which of the good ones are refitted to compare, the likeliest first.
 
-        What a delay, a lag and loops that open with speed do is alike but for some milliseconds
-        beside corners, where a linear look says least: one of them brings along the others. They
-        do not push out what is no question of speed.
+        Of those that go by speed the likeliest alone: see `alike`.
         """
         order = good[np.argsort(-self.excess[good])]
         least = CLOSE * self.excess[order[0]]
         close = [int(i) for i in order if self.excess[i] >= least]
         several = [i for i in close if not by_speed(self.ids[i])][:RUN_OFF]
         close = [i for k, i in enumerate(close) if i in several or k < RUN_OFF]
-        if any(by_speed(self.ids[i]) for i in close):
-            far = ALIKE * self.excess[order[0]]
-            close += [int(i) for i in order
-                      if by_speed(self.ids[i]) and self.excess[i] >= far and int(i) not in close]
+        late = [i for i in close if by_speed(self.ids[i])][1:]
+        close = [i for i in close if i not in late]
         if any(of_base(self.ids[i]) for i in close):  # bends are large: a linear look misleads
             close += [i for i, id in enumerate(self.ids) if of_base(id) and i not in close]
         return close
+
+    def alike(self, good: NDArray[np.int64]) -> list[int]:
+        """Which of the good ones may be taken for the likeliest one that goes by speed.
+
+        What a delay, a lag and loops that open with speed do is alike but for some milliseconds
+        beside corners, where a linear look says least.
+        """
+        close, order = self.close(good), good[np.argsort(-self.excess[good])]
+        if not any(by_speed(self.ids[i]) for i in close):
+            return []
+        least = ALIKE * self.excess[order[0]]
+        return [int(i) for i in order
+                if by_speed(self.ids[i]) and self.excess[i] >= least and int(i) not in close]
 
 
 def of_base(id: str) -> bool:

@@ -20,6 +20,7 @@ FloatArray = NDArray[np.float64]
 MARGIN = 8  # cells on either side whose averages are allowed for
 LONG = 1 << 15  # samples over which the spectrum is taken, at least
 Turn = tuple[FloatArray, FloatArray]
+Indices = NDArray[np.int64]
 
 
 class CellWhitener:
@@ -39,6 +40,7 @@ class CellWhitener:
         self.samples = Whitener(samples, raised) if samples is not None else None
         self._turns: dict[tuple[int, int, int, int], Turn] = {}
         self._ones: dict[Cells, FloatArray] = {}
+        self._alike: dict[Cells, list[tuple[Turn, Indices, Indices, Indices]]] = {}
 
     @property
     def spectrum(self) -> Spectrum:
@@ -51,24 +53,42 @@ class CellWhitener:
         white = self.averages(mean)
         if mean is rows:
             return white
-        out, f = np.empty(rows.shape), cells.factor
-        at = mean.shape[1]
+        out, at = np.empty(rows.shape), mean.shape[1]
         out[:, :at] = white
-        last = at
-        for i, j in cells.runs:
-            begin, end = max(i - MARGIN, 0), min(j + MARGIN, at)
-            own, given = self._turn(i - begin, j - i, end - j, f)
-            single = rows[:, cells.begins[i] : cells.begins[j]]
-            size = own.shape[0]
-            out[:, last : last + size] = single @ own.T + mean[:, begin:end] @ given.T
-            last += size
-        return out[:, :last]
+        for (own, given), single, around, to in self._turns_of(cells):
+            count = rows.shape[0], len(single)
+            beside = rows[:, single].reshape(-1, single.shape[1]) @ own.T
+            beside += mean[:, around].reshape(-1, around.shape[1]) @ given.T
+            out[:, to.ravel()] = beside.reshape(count[0], -1)
+        return out[:, : at + sum(to.size for *_, to in self._turns_of(cells))]
 
     def ones(self, cells: Cells) -> FloatArray:
         """A constant of 1, filtered; not to be written to."""
         if cells not in self._ones:
             self._ones[cells] = self(np.ones((1, cells.size)), cells)[0]
         return self._ones[cells]
+
+    def _turns_of(self, cells: Cells) -> list[tuple[Turn, Indices, Indices, Indices]]:
+        """Of all corners that are alike, (r, n) each: single samples, averages around, where what
+        is taken of them is put.
+        """
+        if cells not in self._alike:
+            made: list[tuple[Turn, Indices, Indices, Indices]] = []
+            count = last = len(cells.marks)
+            found: dict[tuple[int, int, int], list[tuple[range, range, range]]] = {}
+            for i, j in cells.runs:
+                begin, end = max(i - MARGIN, 0), min(j + MARGIN, count)
+                size = (j - i) * (cells.factor - 1)
+                found.setdefault((i - begin, j - i, end - j), []).append((
+                    range(cells.begins[i], cells.begins[j]), range(begin, end),
+                    range(last, last + size),
+                ))  # fmt: skip
+                last += size
+            for key, own in found.items():
+                single, around, to = (np.array(x, np.int64) for x in zip(*own, strict=True))
+                made.append((self._turn(*key, cells.factor), single, around, to))
+            self._alike[cells] = made
+        return self._alike[cells]
 
     def _turn(self, before: int, split: int, after: int, factor: int) -> Turn:
         """What is taken of single samples and of averages; shapes (d, samples), (d, averages)."""

@@ -12,15 +12,15 @@ from piezo_rig.diagnosis.early.clean_up import (
     TRIED,
     Early,
     clean_up,
+    credited,
     hum_again,
     hum_behind,
-    losses_of,
 )
 from piezo_rig.diagnosis.early.lines import find_line
 from piezo_rig.diagnosis.early.monitor import Reading, read_monitor
 from piezo_rig.diagnosis.early.spikes import noise_floor_nm
 
 __all__ = [
-    "HUM", "TRIED", "Early", "Reading", "clean_up", "find_line", "hum_again", "hum_behind",
-    "losses_of", "noise_floor_nm", "read_monitor",
+    "HUM", "TRIED", "Early", "Reading", "clean_up", "credited", "find_line", "hum_again",
+    "hum_behind", "noise_floor_nm", "read_monitor",
 ]  # fmt: skip

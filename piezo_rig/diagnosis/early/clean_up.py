@@ -25,9 +25,10 @@ from piezo_rig.diagnosis.groups import Groups
 from piezo_rig.diagnosis.levels import levels
 from piezo_rig.run_file.sweep import Sweep
 
-HUM = "mains-hum"
-TRIED = ("outliers", JUMP, DROP, HUM)
+HUM, OUTLIERS = "mains-hum", "outliers"
+TRIED = (OUTLIERS, JUMP, DROP, HUM)
 BETTER = 0.999  # squared error of the baseline after mending, of that before
+ANOTHER = 5.0  # standard deviations between the frequencies of two lines
 JOINTLY = 6  # turns of fitting base and hum
 LEADS = 0.05  # of what is left, that such a line must be
 
@@ -95,7 +96,7 @@ def clean_up(
     if spikes.p_value * count < level:
         clean = spikes.groups
         found.append(Early(
-            "outliers", spikes.p_value * count, dict(spikes.stage().parameters), clean,
+            OUTLIERS, spikes.p_value * count, dict(spikes.stage().parameters), clean,
             events_of(raw, spikes.spikes, sweeps),
         ))  # fmt: skip
         point = refitted(clean, point)
@@ -156,13 +157,15 @@ def _given_back(
     return hum
 
 
-def losses_of(found: Sequence[Early]) -> int:
-    """How many samples are known to be lost.
+def credited(found: Sequence[Early]) -> tuple[int, int]:
+    """How many samples are known to be lost, and less how many outliers there are: more is better.
 
     A base that was fitted to a recording with a loss in it is late before and early after, and a
-    clock that runs off says most of that: beside a better one there may be more.
+    clock that runs off says most of that: beside a better one there may be more. And what such a
+    base leaves is full of spikes that nobody recorded.
     """
-    return sum(round(e.size) for early in found if early.cause == DROP for e in early.events)
+    lost = sum(round(e.size) for early in found if early.cause == DROP for e in early.events)
+    return lost, -sum(len(early.events) for early in found if early.cause == OUTLIERS)
 
 
 def hum_behind(clean: Groups, model: Model, level: float, count: int) -> Early | None:
@@ -185,5 +188,7 @@ def hum_again(
     told = found.parameters["frequency"]
     assert told.ci95 is not None
     spread_hz = (told.ci95[1] - told.ci95[0]) / (3.92 * AS_HELD)
+    if abs(heard.frequency - told.value) > ANOTHER * float(np.hypot(spread_hz, heard.spread_hz)):
+        return Early(HUM, heard.p_value * count, dict(heard.stage().parameters), heard.groups)
     hum = removed(before, model, told.value, found.p_value, spread_hz)
     return replace(found, parameters=dict(hum.stage().parameters), groups=hum.groups)

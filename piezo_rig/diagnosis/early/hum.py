@@ -24,10 +24,12 @@ from piezo_rig.diagnosis.groups import Group, Groups
 FloatArray = NDArray[np.float64]
 OFF_HZ = np.linspace(-0.2, 0.2, 5)
 BESIDE = np.array([-4, -2, 2, 4])  # lines of a comb that are next to one
+FIRST, WIDE = 3, 2.5  # of its lines; resolution cells that each takes
 AROUND = np.concatenate([-np.arange(4, 14), np.arange(4, 14)])  # resolution cells of the background
 INDEPENDENT = 10.8  # of the 20 cells of a Hann-windowed background
 PADDED = 8
 LASTING = 0.1  # of a recording
+FEWEST, SAME = 3, 0.02  # periods in half of a recording; of its size, that they may differ by
 HANN = 1.5  # by which a Hann window widens the band
 NEAR_HZ, NEAR_CELLS = 0.06, 0.2  # about a frequency; of the resolution of the longest recording
 FINE, PARTS = 60, 32  # steps to either side, parts of a recording
@@ -242,7 +244,30 @@ def _combs(group: Group) -> tuple[float, ...]:
         here = seconds[steps == step]
         if here.sum() > LASTING * seconds.sum():
             found.append(0.5 / float(np.median(here)))
+    if np.ptp(steps) > 1 and (whole := _period_s(group)) is not None:
+        found.append(1.0 / whole)  # of all half loops together, as of several sines
     return tuple(found) or (0.5 / float(np.median(seconds)),)
+
+
+def _period_s(group: Group) -> float | None:
+    """After how long the whole drive comes back, if it does so a few times once it is under way."""
+    drive = group.drive_v[group.drive_v.size // 2 :]
+    drive, n = drive - drive.mean(), drive.size
+    size = int(fft.next_fast_len(2 * n, real=True))
+    along = fft.irfft(np.abs(fft.rfft(drive, size)) ** 2, size)[:n]
+    below = np.concatenate([[0.0], np.cumsum(drive**2)])
+    # squared distance of the drive from itself so much later, where both are recorded
+    square = below[n - np.arange(n)] + below[n] - below[np.arange(n)]
+    apart = ((square - 2.0 * along) / np.arange(n, 0, -1))[: n // FEWEST + 1]
+    left = np.flatnonzero(apart > np.var(drive))
+    if not left.size:
+        return None
+    back = left[0] + np.flatnonzero(apart[left[0] :] < SAME**2 * np.var(drive))
+    if not back.size:
+        return None
+    near = back[back < back[0] + max(back[0] // 10, 2)]
+    best = near[int(np.argmin(apart[near]))]
+    return float(group.time_s[best] - group.time_s[0])
 
 
 def _line(rows: list[Row], f: FloatArray) -> tuple[FloatArray, float]:
@@ -254,14 +279,18 @@ def _line(rows: list[Row], f: FloatArray) -> tuple[FloatArray, float]:
     score, share = np.zeros(f.shape), 0.0
     for row in rows:
         cell = 1.0 / float(row.time_s[-1] - row.time_s[0])
-        level = row.power(f[..., None] + AROUND * cell).mean(axis=-1)
+        power, level = row.power(f), row.power(f[..., None] + AROUND * cell).mean(axis=-1)
         for comb in row.combs_hz:
             if row.share == 1.0 and comb > 2.0 * cell:
                 at = np.abs(f[..., None] + BESIDE * comb)
                 others = np.abs(at - f[..., None]) > comb  # mirrored at zero it may be the line
                 beside = np.where(others, row.power(at), 0.0)
                 level = np.maximum(level, 2.0 * beside.max(axis=-1))
-        ratio = row.power(f) / np.maximum(level, 1e-300)
+                # nothing beside the first lines of a comb is as large as they are
+                order = np.rint(f / comb)
+                first = (order >= 1) & (order <= FIRST) & (abs(f - order * comb) < WIDE * cell)
+                power[first] = 0.0
+        ratio = power / np.maximum(level, 1e-300)
         score += row.share * INDEPENDENT * np.log1p(ratio / INDEPENDENT)
         share += row.share
     return score, share
