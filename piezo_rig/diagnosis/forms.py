@@ -39,6 +39,7 @@ SHORTEST, WIDER, REACHES = 0.006, 1.19, 21  # its reach: of the travel, step, ho
 STEEP = 0.4  # of the mean spring constant, by the whole range of the drive
 ALIKE = 6  # such steps to either side, for the reach of another form
 LIKELIEST = 2  # of each form, that are refitted
+ELSEWHERE = 4  # of all, where none of them fits well
 BESIDE = 0.02  # samples
 HELD, BY = 0.002, 0.25  # of a kink: held up at it, on one of its sides, samples
 BEYOND = (4.0, 8.0, 16.0, 32.0)  # times the noise of a sample
@@ -333,6 +334,30 @@ def _forms(space: Space, fitted: Fitted, id: str, than: Fitted) -> list[Fitted]:
         max(same, key=lambda f: f.evidence)
         for form in start.tapers if (same := [f for f in best if taper_of(f, id) == form])
     ]  # fmt: skip
+
+
+def elsewhere(space: Space, fitted: Fitted, id: str, than: Fitted) -> list[Fitted]:
+    """A law in the likeliest of all its forms, wherever each may begin, the best first.
+
+    A law that is refitted in the form of its example stays there; where nothing fits well, another
+    one far off may fit less badly.
+    """
+    start = fitted.point.model.stage(id)
+    if not isinstance(start, Cause) or "taper" not in start.parameters:
+        return []
+    best: list[tuple[float, Stage]] = []
+    for form in (start, *start.otherwise()):
+        assert isinstance(form, Cause)
+        tried, worth = _scanned(space, form, than)
+        best += [(worth[k], tried[k]) for own in _likeliest(tried, worth) for k in own]
+    best.sort(key=lambda b: -b[0])
+
+    def begun(form: Stage) -> Fitted:
+        there = at_values(space, fitted, id, {n: form[n] for n in form.parameters})
+        return summit(space, there, id)
+
+    found = abreast(space, [partial(begun, s) for _, s in best[:ELSEWHERE]], fitted.parts)
+    return sorted(found, key=lambda f: -worth_of(f, id))
 
 
 def _scanned(space: Space, start: Cause, than: Fitted) -> tuple[list[Stage], list[float]]:
