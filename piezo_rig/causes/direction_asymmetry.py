@@ -15,7 +15,10 @@ back until twice that, and what a smaller loop gains it gives back itself. With 
 so little by little. With 2 the state is the mean of stops of many widths, as of many walls, so that
 what is gained and given back is nearly x exp(-x^2 / 2 reach^2) of what a half loop has moved; with
 3 they are distributed like exp(-width/reach): it is given back with a longer tail; with 4 like
-width exp(-2 width/reach), which is between the two.
+width exp(-2 width/reach), which is between the two. With 5 it is given back little by little until
+the half loop is where the one before it began, however far that is: what is gained goes like
+reach (1 - exp(-x / reach)) (1 - x / whole). Memory is that of turning points, and a first rise
+has nothing of it.
 
 The state begins in its middle, or, with ``from_below`` 1, at its lower end, as if the first rise
 were one of many, or, with -1, at its upper end: then a first rise from rest has nothing of it.
@@ -68,6 +71,7 @@ WIDTHS: tuple[FloatArray, ...] = (  # of the stops, in reaches, taper by taper
     _of_second_order(QUANTILES),
 )
 TAILS = (2.0, 3.0, 4.0)  # tapers with a long tail
+UNTIL_BACK = 5.0  # the taper of what is given back until where the half loop before began
 
 
 class DirectionAsymmetry(Cause):
@@ -109,7 +113,7 @@ class DirectionAsymmetry(Cause):
 
     @property
     def tapers(self) -> tuple[float, ...]:
-        return (*TAPERS, *TAILS) if self.closes else super().tapers
+        return (*TAPERS, *TAILS, UNTIL_BACK) if self.closes else super().tapers
 
     @property
     def begun_at(self) -> float:
@@ -117,21 +121,36 @@ class DirectionAsymmetry(Cause):
         return -self["from_below"] if "from_below" in self.parameters else 0.0
 
     @property
+    def until_back(self) -> bool:
+        """Whether it is given back until where the half loop before began."""
+        return "taper" in self.parameters and self["taper"] == UNTIL_BACK
+
+    @property
+    def share(self) -> float:
+        """Of the compliance right after a turning point: more of it upwards, less downwards."""
+        return (1.0 - self["ratio"]) / (1.0 + self["ratio"])
+
+    @property
     def state(self) -> tuple[FloatArray, float, bool]:
         """Widths of the stops to either side, um; share of the compliance at their ends; whether
         the share fades between them, or turns in the middle.
         """
         taper = self["taper"] if "taper" in self.parameters else 0.0
-        share = (1.0 - self["ratio"]) / (1.0 + self["ratio"])
-        return np.asarray(WIDTHS[int(taper)] * self["reach"]), share, taper > 0
+        return np.asarray(WIDTHS[int(taper)] * self["reach"]), self.share, taper > 0
 
     def act(self, signal: Signal) -> Signal:
         if not self.closes:
             return signal
         from piezo_rig.chain.stops import stopped_each
 
-        widths, share, fades = self.state
         x = np.ascontiguousarray(signal.displacement_um)
+        if self.until_back:
+            from piezo_rig.chain.given_back import given_back_each
+
+            return signal.with_displacement(
+                x + self.share * given_back_each(signal.begins, x, self["reach"])
+            )
+        widths, share, fades = self.state
         stop = stopped_each(signal.begins, x, widths, self.begun_at)
         return signal.with_displacement(
             x - share * (stop * stop / (2.0 * widths.mean()) if fades else np.abs(stop))
@@ -139,12 +158,16 @@ class DirectionAsymmetry(Cause):
 
     def otherwise(self) -> list[Stage]:
         """Begun elsewhere."""
+        if not self.closes or self.until_back:
+            return []
         others = [x for x in (0.0, 1.0, -1.0) if x != -self.begun_at]
-        return [self.with_values(from_below=x) for x in others] if self.closes else []
+        return [self.with_values(from_below=x) for x in others]
 
     def increment(self, branches: Branches) -> Increment | str:
         if not self.closes:
             return Increment(Operation.GAIN, (1.0, 0.0))
+        if self.until_back:
+            return Increment(Operation.GIVE_BACK, (self.share, self["reach"]))
         widths, share, fades = self.state
         return Increment(
             Operation.STOP,
@@ -177,7 +200,7 @@ class DirectionAsymmetry(Cause):
         return [
             [cls.of(None, ratio=1.01, **form)]
             for form in [
-                *forms(context, (0.0,)),
+                *forms(context, (0.0,)), *forms(context, (1.0,), (UNTIL_BACK,)),
                 *(f | {"from_below": x} for x in (-1.0, 1.0)
                   for f in forms(context, (1.0,), TAILS[:1])),
             ]

@@ -45,6 +45,8 @@ class Operation(IntEnum):
     """coefficients 1/um and 1/um^2 of its square and cube"""
     BEND_DRIVE = 12
     """from V, over V, coefficients V of u (u - 1) and u^2 (u - 1)"""
+    GIVE_BACK = 13
+    """share of the compliance right after a turning point, reach um"""
 
 
 @dataclass(frozen=True)

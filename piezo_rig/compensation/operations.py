@@ -10,13 +10,18 @@ import math
 
 import numba
 
+from piezo_rig.chain.given_back import DEEPEST, gained
+
 SMALLEST_V = 1e-9  # what moves less stands still: it is the rounding of a solution
 MEMORY = 52  # floats that an operation remembers at most: the stops of an asymmetry, and more
 CREPT_AT, CREPT_FROM = MEMORY - 2, MEMORY - 1  # of a creep: where it is, where it began
 
 # of `Operation`; compiled code reads plain numbers
 GAIN, CLIP, SLEW, LAG, WIDEN, BEND, DRAG, RELAX, MODE, AGE, STOP = range(11)
-BEND_DISPLACEMENT, BEND_DRIVE = 11, 12
+BEND_DISPLACEMENT, BEND_DRIVE, GIVE_BACK = 11, 12, 13
+# of what is given back: displacement, turning points, its way, what it has beyond all of them,
+# what it has; then where each turning point is and what was had there
+DEPTH, WAY, BEYOND, HAS, TURNS = 1, 2, 3, 4, 5
 
 
 @numba.njit(cache=True)
@@ -61,6 +66,11 @@ def begin(kind, n, new, x, drive):
         return x + x * x * (n[0] + n[1] * x)
     if kind == BEND_DRIVE:
         return x + _bent_drive(n, x)
+    if kind == GIVE_BACK:
+        new[0] = x
+        new[DEPTH] = 1.0
+        new[TURNS] = x
+        return x
     return x
 
 
@@ -133,6 +143,8 @@ def step(kind, n, cap, cache, old, new, x, drive):
         return x + x * x * (n[0] + n[1] * x)
     if kind == BEND_DRIVE:
         return x + _bent_drive(n, x)
+    if kind == GIVE_BACK:
+        return x + n[0] * _given_back(n[1], old, new, x)
     return x
 
 
@@ -248,3 +260,38 @@ def _stop(n, old, new, x):
         most += width / m
     new[0] = x
     return x - n[0] * (mean * mean / (2.0 * most) if n[1] > 0.0 else abs(mean))
+
+
+@numba.njit(cache=True)
+def _given_back(reach, old, new, x):
+    """One sample of `piezo_rig.chain.given_back.given_back_each`."""
+    depth, way = int(old[DEPTH]), old[WAY]
+    for k in range(TURNS + 2 * depth):
+        new[k] = old[k]
+    step = x - old[0]
+    if step * way < 0.0:
+        if depth > DEEPEST - 1:
+            depth -= 2
+        new[TURNS + 2 * depth] = old[0]
+        new[TURNS + 2 * depth + 1] = old[HAS]
+        depth += 1
+    if step != 0.0:
+        way = 1.0 if step > 0.0 else -1.0
+    while depth > 2 and (x - new[TURNS + 2 * depth - 4]) * way >= 0.0:
+        depth -= 2
+    if depth == 2 and (x - new[TURNS]) * way >= 0.0:
+        new[BEYOND] = new[TURNS + 1]
+        new[TURNS] = new[TURNS + 2]
+        new[TURNS + 1] = new[TURNS + 3]
+        depth = 1
+    has = new[BEYOND]
+    if depth > 1:
+        at = TURNS + 2 * (depth - 1)
+        moved, whole = abs(x - new[at]), abs(new[at - 2] - new[at])
+        back = new[at - 1] - new[at + 1]
+        has = new[at + 1] + back * moved / whole + gained(moved, reach, whole)
+    new[0] = x
+    new[DEPTH] = depth
+    new[WAY] = way
+    new[HAS] = has
+    return has

@@ -21,11 +21,11 @@ from piezo_rig.diagnosis.abreast import abreast
 from piezo_rig.diagnosis.bends import BEND, bend, with_own_bend
 from piezo_rig.diagnosis.detours import ONE_MORE, around, together
 from piezo_rig.diagnosis.fit import Point
+from piezo_rig.diagnosis.foretold import foretold
 from piezo_rig.diagnosis.forms import (
     CARRIES,
     carries,
     converged,
-    elsewhere,
     in_another_form,
     reached,
     summit,
@@ -268,13 +268,8 @@ class Search:
             if fitted.evidence - here.evidence > LARGE:
                 fitted = converged(self.space, fitted)
             doubtful = family[i] > DOUBTFUL or self.may_go_on(id)
-            against = worse(self, fitted, here, doubtful)
-            if against == OF_THE_MISFIT:
-                better = self.in_any_form(here, fitted, id)
-                if better is not None:
-                    worth += better.evidence - fitted.evidence
-                    fitted, against = better, None
-            against = against or of_a_law(self, fitted, id) or of_a_corner(self, fitted, here, id)
+            against = worse(self, fitted, here, doubtful) or of_a_law(self, fitted, id)
+            against = against or of_a_corner(self, fitted, here, id)
             if against is None and doubtful and not self.helps(here, fitted):
                 against = "fits, but does not predict data that it has not seen better beyond doubt"
             if against is not None:
@@ -291,16 +286,7 @@ class Search:
             self.accept(Step(id, float(family[i]), fitted, rivals))
             self.tidy()
             return True
-        return bool(close)
-
-    def in_any_form(self, here: Fitted, fitted: Fitted, id: str) -> Fitted | None:
-        """A likelier form of a law that predicts what it has not seen, if there is one."""
-        for other in elsewhere(self.space, fitted, id, here):
-            if other.evidence < fitted.evidence:
-                return None
-            if worse(self, other, here) is None:
-                return other
-        return None
+        return foretold(self, here, found, tried, family) or bool(close)
 
     def as_fast(
         self, here: Fitted, result: Scan, good: NDArray[np.int64], tried: Sequence[Tried]

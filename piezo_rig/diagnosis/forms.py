@@ -39,7 +39,7 @@ SHORTEST, WIDER, REACHES = 0.006, 1.19, 21  # its reach: of the travel, step, ho
 STEEP = 0.4  # of the mean spring constant, by the whole range of the drive
 ALIKE = 6  # such steps to either side, for the reach of another form
 LIKELIEST = 2  # of each form, that are refitted
-ELSEWHERE = 4  # of all, where none of them fits well
+ELSEWHERE = 6  # of all, where none of them fits well
 BESIDE = 0.02  # samples
 HELD, BY = 0.002, 0.25  # of a kink: held up at it, on one of its sides, samples
 BEYOND = (4.0, 8.0, 16.0, 32.0)  # times the noise of a sample
@@ -261,7 +261,8 @@ def _steep(space: Space, fitted: Fitted, id: str, than: Fitted) -> list[Fitted]:
     slope = float(np.copysign(STEEP / space.groups.travel_um, stage["slope"]))
     steep = stage.with_values(slope=slope)
     assert isinstance(steep, Cause)
-    tried, worth = _scanned(space, steep, than)
+    tried, likelihood = _scanned(space, steep, than)
+    worth = _gained(likelihood, len(tried))
     found = _from(space, fitted, id, ("reach", "taper", "slope"), tried, worth)
     each = [max(same, key=lambda f: f.evidence) for same in found]
     return [f for f in each if f.evidence > fitted.evidence - LARGE]
@@ -327,7 +328,8 @@ def _forms(space: Space, fitted: Fitted, id: str, than: Fitted) -> list[Fitted]:
     """
     start = fitted.point.model.stage(id)
     assert isinstance(start, Cause)
-    tried, worth = _scanned(space, start, than)
+    tried, likelihood = _scanned(space, start, than)
+    worth = _gained(likelihood, len(tried))
     found = _from(space, fitted, id, ("reach", "taper"), tried, worth)
     best = [fitted, *(f for same in found for f in same)]
     return [
@@ -337,10 +339,10 @@ def _forms(space: Space, fitted: Fitted, id: str, than: Fitted) -> list[Fitted]:
 
 
 def elsewhere(space: Space, fitted: Fitted, id: str, than: Fitted) -> list[Fitted]:
-    """A law in the likeliest of all its forms, wherever each may begin, the best first.
+    """A law in each of its forms that fit best by least squares, wherever each may begin.
 
-    A law that is refitted in the form of its example stays there; where nothing fits well, another
-    one far off may fit less badly.
+    The evidence reckons with whatever a base may be wrong by. Where a law is not quite that of the
+    actuator, that explains what is left either way, and the evidence hardly asks how much it is.
     """
     start = fitted.point.model.stage(id)
     if not isinstance(start, Cause) or "taper" not in start.parameters:
@@ -348,29 +350,34 @@ def elsewhere(space: Space, fitted: Fitted, id: str, than: Fitted) -> list[Fitte
     best: list[tuple[float, Stage]] = []
     for form in (start, *start.otherwise()):
         assert isinstance(form, Cause)
-        tried, worth = _scanned(space, form, than)
-        best += [(worth[k], tried[k]) for own in _likeliest(tried, worth) for k in own]
+        tried, likelihood = _scanned(space, form, than)
+        worth = [likelihood.plain([k]) for k in range(len(tried))]
+        best += [(worth[own[0]], tried[own[0]]) for own in _likeliest(tried, worth)]
     best.sort(key=lambda b: -b[0])
 
-    def begun(form: Stage) -> Fitted:
+    def begun(form: Stage) -> list[Fitted]:
         there = at_values(space, fitted, id, {n: form[n] for n in form.parameters})
-        return summit(space, there, id)
+        return [there, refit(space, there.point, held=True, plain=True)]
 
     found = abreast(space, [partial(begun, s) for _, s in best[:ELSEWHERE]], fitted.parts)
-    return sorted(found, key=lambda f: -worth_of(f, id))
+    return [f for both in found for f in both]
 
 
-def _scanned(space: Space, start: Cause, than: Fitted) -> tuple[list[Stage], list[float]]:
-    """A law at all its reaches and forms, and what a linear look says that each gains."""
+def _scanned(space: Space, start: Cause, than: Fitted) -> tuple[list[Stage], Likelihood]:
+    """A law at all its reaches and forms, and how likely each is about the model without it."""
     less = than.point.model
     reaches = space.groups.travel_um * SHORTEST * WIDER ** np.arange(REACHES)
     tried = [start.with_values(reach=float(r), taper=f) for f in start.tapers for r in reaches]
     tried = [s for s in tried if playable(space, less.with_stage(s))]
     settle(space, than.point)
     pairs = [(less, less.with_stage(s)) for s in tried]
-    likelihood = Likelihood(reduce(space.linear(than.point, pairs)))
+    return tried, Likelihood(reduce(space.linear(than.point, pairs)))
+
+
+def _gained(likelihood: Likelihood, count: int) -> list[float]:
+    """What a linear look says that each of so many gains."""
     without = likelihood.evidence(())
-    return tried, [likelihood.evidence([k]) - without for k in range(len(tried))]
+    return [likelihood.evidence([k]) - without for k in range(count)]
 
 
 def _from(

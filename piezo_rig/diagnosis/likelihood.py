@@ -103,6 +103,10 @@ class Likelihood:
         i, j = self.summit(columns)
         return self.values(i, columns)[j] - 0.5 * self.reduced.extra
 
+    def plain(self, columns: Sequence[int] = ()) -> float:
+        """The same of least squares, as if nothing but noise would be left."""
+        return self.values(0, columns)[0]
+
     def best_scales(self, columns: Sequence[int] = ()) -> tuple[float, float]:
         """Profiled scales with some trial columns free."""
         return self.scales_at(self.summit(columns))

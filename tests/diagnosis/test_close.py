@@ -12,17 +12,40 @@ IDS = ("rate-dependence", "amplifier-lag", "time-skew", "creep", "range-dependen
 excesses = st.lists(st.floats(1.0, 1e4), min_size=len(IDS), max_size=len(IDS))
 
 
-def close(excess):
+def scan(excess):
     excess = np.array(excess)
     nothing = np.zeros(excess.size)
-    scan = Scan(IDS, excess, nothing, excess, nothing, {})
-    return [IDS[i] for i in scan.close(np.arange(excess.size))]
+    return Scan(IDS, excess, nothing, excess, nothing, {}), np.arange(excess.size)
+
+
+def close(excess):
+    found, good = scan(excess)
+    return [IDS[i] for i in found.close(good)]
+
+
+def alike(excess):
+    found, good = scan(excess)
+    return [IDS[i] for i in found.alike(good)]
 
 
 def test_those_that_are_told_by_speed_do_not_push_out_what_is_no_question_of_speed():
     # at one frequency a larger range is a faster drive: all of them come before the range
-    found = close([400.0, 380.0, 300.0, 270.0, 256.0, 1.0, 1.0, 1.0, 1.0])
-    assert found == ["rate-dependence", "amplifier-lag", "time-skew", "creep", "range-dependence"]
+    excess = [400.0, 380.0, 300.0, 270.0, 256.0, 1.0, 1.0, 1.0, 1.0]
+    assert close(excess) == ["rate-dependence", "creep", "range-dependence"]
+    assert alike(excess) == ["amplifier-lag", "time-skew"]
+
+
+def test_nothing_is_taken_for_a_cause_that_goes_by_speed_where_none_is_near():
+    assert alike([300.0, 290.0, 1.0, 1000.0, 1.0, 1.0, 1.0, 1.0, 1.0]) == []
+
+
+@given(excesses)
+def test_of_those_that_go_by_speed_the_likeliest_is_refitted_first(excess):
+    first, others = close(excess), alike(excess)
+    fast = [id for id in first if by_speed(id)]
+    assert len(fast) <= 1 and not set(first) & set(others)
+    assert all(by_speed(id) for id in others) and (fast or not others)
+    assert all(excess[IDS.index(id)] <= excess[IDS.index(fast[0])] for id in others)
 
 
 @given(excesses)

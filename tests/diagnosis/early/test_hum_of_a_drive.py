@@ -1,0 +1,100 @@
+"""Lines that a drive makes of itself are no hum, wherever they fall."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from piezo_rig.causes import named_model
+from piezo_rig.chain import Parameter
+from piezo_rig.diagnosis.early import Early, hum_again
+from piezo_rig.diagnosis.early.hum import _period_s, find_hum
+from piezo_rig.diagnosis.engine import plain_space
+from piezo_rig.diagnosis.fit import Point, starting_model
+from piezo_rig.diagnosis.grouping import group_tracks
+from piezo_rig.diagnosis.refit import refit
+from piezo_rig.identification import prepare
+from piezo_rig.run_file import Sweep
+
+RATE, SECONDS, LEVEL, COUNT = 2000.0, 12.0, 2e-3, 24
+TIME = np.arange(round(RATE * SECONDS)) / RATE
+
+
+def sines(*lines_hz):
+    """A drive between 5 and 70 V."""
+    drive = sum(np.sin(2.0 * np.pi * f * TIME + 1.7 * f) for f in lines_hz)
+    return 5.0 + 65.0 * (drive - drive.min()) / np.ptp(drive)
+
+
+def played(drive):
+    """A few sliders, in plain numpy."""
+    states, weights = np.full(12, drive[0]), np.linspace(8e-3, 2e-3, 12)
+    thresholds, out = np.linspace(1.0, 30.0, 12), np.empty(drive.size)
+    for i, v in enumerate(drive):
+        states = np.minimum(np.maximum(states, v - thresholds), v + thresholds)
+        out[i] = 0.1 * v + weights @ states
+    return out
+
+
+def recorded(drive, moved, seed):
+    seen = moved - moved[0] + 2e-3 * np.random.default_rng(seed).standard_normal(moved.size)
+    return Sweep("sweep_0001", drive, seen, RATE, 1.0, 0.0, 1.0, 1, 0.0, "", 1, "unknown", 0.0,
+                 "IMPORTED")  # fmt: skip
+
+
+def groups_of(sweep):
+    return group_tracks(prepare([sweep], first_rises=True, clipped=True), [sweep])
+
+
+def baseline(groups):
+    point = Point(starting_model(groups, named_model("classical"), "classical"))
+    return refit(plain_space(groups, point.model), point).point.model
+
+
+@pytest.mark.parametrize(("lines_hz", "seconds"), [
+    ((3.0, 4.0, 10.0), 1.0), ((5.0, 12.5), 0.4), ((2.0, 3.0 * np.sqrt(2.0)), None),
+])  # fmt: skip
+def test_after_how_long_a_drive_comes_back(lines_hz, seconds):
+    found = _period_s(SimpleNamespace(drive_v=sines(*lines_hz), time_s=TIME))
+    assert found is None if seconds is None else found == pytest.approx(seconds, abs=1.5 / RATE)
+
+
+def test_a_wandering_drive_does_not_come_back():
+    drive = np.cumsum(np.random.default_rng(3).standard_normal(TIME.size))
+    assert _period_s(SimpleNamespace(drive_v=drive, time_s=TIME)) is None
+
+
+@pytest.mark.parametrize("lines_hz", [(50.0,), (20.0,), (3.0, 4.0, 6.0, 10.0, 21.0, 24.0)])
+def test_what_a_model_that_is_wrong_by_a_share_leaves_is_no_hum(lines_hz):
+    drive = sines(*lines_hz)
+    moved = played(drive)
+    groups = groups_of(recorded(drive, moved, 1))
+    stretched = recorded(drive, 1.03 * moved, 1)  # a sensor that shows too much
+    found = find_hum(groups_of(stretched), baseline(groups))
+    assert found is None or found.p_value * COUNT > LEVEL
+
+
+@pytest.mark.parametrize("hz", [49.98, 60.03])
+def test_a_hum_beside_several_sines_is_found_all_the_same(hz):
+    drive = sines(3.0, 4.0, 6.0, 10.0, 21.0, 24.0)
+    hum = 4e-3 * np.sin(2.0 * np.pi * hz * TIME + 0.4)
+    groups = groups_of(recorded(drive, played(drive) + hum, 2))
+    found = find_hum(groups, baseline(groups))
+    assert found.p_value * COUNT < LEVEL
+    assert abs(found.frequency - hz) < 0.02
+    assert found.amplitude_nm == pytest.approx(4.0, rel=0.15)
+
+
+def test_a_line_elsewhere_is_another_hum_beside_a_better_model():
+    drive = sines(3.0, 4.0, 10.0)
+    hum = 4e-3 * np.sin(2.0 * np.pi * 50.02 * TIME)
+    groups = groups_of(recorded(drive, played(drive) + hum, 3))
+    told = Early("mains-hum", 1e-20, {
+        "frequency": Parameter(60.0, "Hz", (59.999, 60.001)),
+        "amplitude": Parameter(3.0, "nm", (2.9, 3.1)),
+    }, groups)  # fmt: skip
+    again = hum_again(groups, told, baseline(groups), LEVEL, COUNT)
+    assert abs(again.parameters["frequency"].value - 50.02) < 0.02
+    assert again.parameters["amplitude"].value == pytest.approx(4.0, rel=0.15)
