@@ -21,7 +21,7 @@ from piezo_rig.diagnosis.abreast import abreast
 from piezo_rig.diagnosis.bends import BEND, bend, with_own_bend
 from piezo_rig.diagnosis.detours import ONE_MORE, around, together
 from piezo_rig.diagnosis.fit import Point
-from piezo_rig.diagnosis.foretold import foretold
+from piezo_rig.diagnosis.foretold import foretold, in_a_better_form
 from piezo_rig.diagnosis.forms import (
     CARRIES,
     carries,
@@ -276,6 +276,7 @@ class Search:
                 self.spoiled[id] = Step(id, float(family[i]), fitted)
                 self.bar(id, here, against, NEARER)
                 continue
+            fitted = in_a_better_form(self, here, result, i, fitted)
             if self.masked(here, worth) or rather(self, here, fitted, id):
                 return True
             self.rivals = [f for w, _, f in tried if f is not fitted and w > FAR_BEHIND * worth]

@@ -18,7 +18,7 @@ from piezo_rig.diagnosis.ladder import Step
 from piezo_rig.diagnosis.needed import worth_needed
 from piezo_rig.diagnosis.refit import Fitted
 from piezo_rig.diagnosis.refusals import FAR_OFF, of_a_law, worse
-from piezo_rig.diagnosis.scan import Found
+from piezo_rig.diagnosis.scan import Found, Scan
 
 if TYPE_CHECKING:
     from piezo_rig.diagnosis.climb import Search
@@ -35,36 +35,61 @@ def foretold(
 
     It must explain half of what is amiss, and predict better beyond doubt.
     """
-    if here.point.fixed or search.error(0, here) < FAR_OFF * search.noise_nm or search.aside:
+    if not _far_off(search, here, here):
         return False
-    result, amiss = found.result, _amiss(search, here)
-    best: dict[int, Fitted] = {}
-    for _, i, fitted in tried:
-        id = result.ids[i]
-        search.tell(f"refit with {id} in other forms")
-        for other in elsewhere(search.space, fitted, id, here):
-            chance = 2.0 * result.null_median[i] + worth_needed(other, id)
-            if worth_of(other, id) - here.evidence < chance or (
-                i in best and search.error(0, best[i]) < search.error(0, other)
-            ):  # fmt: skip
-                continue
-            best[i] = other
+    amiss = _amiss(search, here)
+    best = {
+        i: other for _, i, fitted in tried
+        if (other := _likely(search, here, found.result, i, fitted)) is not None
+    }  # fmt: skip
     order = sorted(best, key=lambda i: search.error(0, best[i]))
     for i in order:
-        id, fitted = result.ids[i], best[i]
+        id, fitted = found.result.ids[i], best[i]
         if _amiss(search, fitted) > HALF * amiss:
             return False
-        if worse(search, fitted, here) or of_a_law(search, fitted, id):
-            continue
-        if not search.helps(here, fitted):
+        if of_a_law(search, fitted, id) or not search.helps(here, fitted):
             continue
         least = NEAR * search.error(0, fitted)
-        rivals = [result.ids[j] for j in order if j != i and search.error(0, best[j]) < least]
+        near = [j for j in order if j != i and search.error(0, best[j]) < least]
         search.barred.pop(id, None)
-        search.accept(Step(id, float(family[i]), fitted, tuple(rivals)))
+        rivals = tuple(found.result.ids[j] for j in near)
+        search.accept(Step(id, float(family[i]), fitted, rivals))
         search.tidy()
         return True
     return False
+
+
+def in_a_better_form(
+    search: Search, here: Fitted, result: Scan, i: int, fitted: Fitted
+) -> Fitted:
+    """A law that is taken in, in a form that leaves half of what this one leaves, if one does."""
+    if not _far_off(search, here, fitted):
+        return fitted
+    other = _likely(search, here, result, i, fitted)
+    if other is None or _amiss(search, other) > HALF * _amiss(search, fitted):
+        return fitted
+    return other
+
+
+def _far_off(search: Search, here: Fitted, fitted: Fitted) -> bool:
+    """Whether a model that follows the data is far off all the same."""
+    return not here.point.fixed and search.error(0, fitted) > FAR_OFF * search.noise_nm
+
+
+def _likely(
+    search: Search, here: Fitted, result: Scan, i: int, fitted: Fitted
+) -> Fitted | None:
+    """A law in the form that predicts best, of those that are likely and predict no worse."""
+    id, best = result.ids[i], None
+    for other in elsewhere(search.space, fitted, id, here):
+        chance = 2.0 * result.null_median[i] + worth_needed(other, id)
+        if worth_of(other, id) - here.evidence < chance:
+            continue
+        if best is not None and search.error(0, best) < search.error(0, other):
+            continue
+        if worse(search, other, here) is None:
+            best = other
+    return best
 
 
 def _amiss(search: Search, fitted: Fitted) -> float:

@@ -52,6 +52,7 @@ def followed(model, time, target, first=0.0):
     closes=st.sampled_from([
         {}, {"closing": 1.0}, {"closing": 1.0, "taper": 1.0},
         {"closing": 1.0, "taper": 2.0, "from_below": 1.0}, {"closing": 1.0, "taper": 4.0},
+        {"closing": 1.0, "taper": 5.0},
     ]),
     turns=st.lists(levels, min_size=2, max_size=25), points=st.integers(3, 40),
 )

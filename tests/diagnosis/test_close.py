@@ -43,8 +43,10 @@ def test_nothing_is_taken_for_a_cause_that_goes_by_speed_where_none_is_near():
 def test_of_those_that_go_by_speed_the_likeliest_is_refitted_first(excess):
     first, others = close(excess), alike(excess)
     fast = [id for id in first if by_speed(id)]
-    assert len(fast) <= 1 and not set(first) & set(others)
-    assert all(by_speed(id) for id in others) and (fast or not others)
+    assert len(fast) <= 1
+    assert not set(first) & set(others)
+    assert all(by_speed(id) for id in others)
+    assert fast or not others
     assert all(excess[IDS.index(id)] <= excess[IDS.index(fast[0])] for id in others)
 
 

@@ -80,6 +80,9 @@ KINDS = {
     "an asymmetry with a long tail": stages(
         of("direction-asymmetry", ratio=0.9, reach=0.4, closing=1.0, taper=2.0, from_below=1.0),
     ),
+    "an asymmetry that is given back": stages(
+        of("direction-asymmetry", ratio=0.9, reach=0.4, closing=1.0, taper=5.0),
+    ),
     "drive-gain": stages(of("drive-gain", ratio=1.03)),
     "drive-gain about 75 V": stages(of("drive-gain", ratio=0.98, stays_v=75.0)),
     "drive-clipping": stages(of("drive-clipping", lower=3.0, upper=61.0)),
