@@ -157,9 +157,11 @@ class DirectionAsymmetry(Cause):
         )
 
     def otherwise(self) -> list[Stage]:
-        """Begun elsewhere."""
-        if not self.closes or self.until_back:
+        """Begun elsewhere; what does not begin anywhere, with a tail that does."""
+        if not self.closes:
             return []
+        if self.until_back:
+            return [self.with_values(taper=TAILS[0], from_below=x) for x in (1.0, -1.0)]
         others = [x for x in (0.0, 1.0, -1.0) if x != -self.begun_at]
         return [self.with_values(from_below=x) for x in others]
 

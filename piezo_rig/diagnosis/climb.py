@@ -144,6 +144,7 @@ class Search:
     scans: list[Scan] = field(default_factory=list)
     barred: dict[str, str] = field(default_factory=dict)
     refused_at: dict[str, float] = field(default_factory=dict)  # held-out error to try again at
+    looked_at: dict[str, float] = field(default_factory=dict)  # the same, for all forms of a law
     rearranged: bool = False
     aside: bool = False  # whether it climbs around a member
     most: int = MOST  # members

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 
 HALF = 0.5  # squared error beyond the noise, of that before
 NEAR = 1.1  # held-out error of a rival, of the best one's
+NEARER = 0.9  # held-out error, of that when forms were looked at, below which they are again
 
 
 def foretold(
@@ -35,7 +36,7 @@ def foretold(
 
     It must explain half of what is amiss, and predict better beyond doubt.
     """
-    if not _far_off(search, here, here):
+    if search.aside or not _far_off(search, here, here):
         return False
     amiss = _amiss(search, here)
     best = {
@@ -63,7 +64,7 @@ def in_a_better_form(
     search: Search, here: Fitted, result: Scan, i: int, fitted: Fitted
 ) -> Fitted:
     """A law that is taken in, in a form that leaves half of what this one leaves, if one does."""
-    if not _far_off(search, here, fitted):
+    if search.aside or not _far_off(search, here, fitted):
         return fitted
     other = _likely(search, here, result, i, fitted)
     if other is None or _amiss(search, other) > HALF * _amiss(search, fitted):
@@ -79,8 +80,14 @@ def _far_off(search: Search, here: Fitted, fitted: Fitted) -> bool:
 def _likely(
     search: Search, here: Fitted, result: Scan, i: int, fitted: Fitted
 ) -> Fitted | None:
-    """A law in the form that predicts best, of those that are likely and predict no worse."""
-    id, best = result.ids[i], None
+    """A law in the form that predicts best, of those that are likely and predict no worse.
+
+    Not looked for again until the model has come nearer.
+    """
+    id, best, error = result.ids[i], None, search.error(0, here)
+    if error > NEARER * search.looked_at.get(id, np.inf):
+        return None
+    search.looked_at[id] = error
     for other in elsewhere(search.space, fitted, id, here):
         chance = 2.0 * result.null_median[i] + worth_needed(other, id)
         if worth_of(other, id) - here.evidence < chance:

@@ -39,7 +39,7 @@ SHORTEST, WIDER, REACHES = 0.006, 1.19, 21  # its reach: of the travel, step, ho
 STEEP = 0.4  # of the mean spring constant, by the whole range of the drive
 ALIKE = 6  # such steps to either side, for the reach of another form
 LIKELIEST = 2  # of each form, that are refitted
-ELSEWHERE = 6  # of all, where none of them fits well
+ELSEWHERE, COARSER = 6, 2  # of all, where none of them fits well; every so many reaches
 BESIDE = 0.02  # samples
 HELD, BY = 0.002, 0.25  # of a kink: held up at it, on one of its sides, samples
 BEYOND = (4.0, 8.0, 16.0, 32.0)  # times the noise of a sample
@@ -350,7 +350,7 @@ def elsewhere(space: Space, fitted: Fitted, id: str, than: Fitted) -> list[Fitte
     best: list[tuple[float, Stage]] = []
     for form in (start, *start.otherwise()):
         assert isinstance(form, Cause)
-        tried, likelihood = _scanned(space, form, than)
+        tried, likelihood = _scanned(space, form, than, COARSER)
         worth = [likelihood.plain([k]) for k in range(len(tried))]
         best += [(worth[own[0]], tried[own[0]]) for own in _likeliest(tried, worth)]
     best.sort(key=lambda b: -b[0])
@@ -363,10 +363,14 @@ def elsewhere(space: Space, fitted: Fitted, id: str, than: Fitted) -> list[Fitte
     return [f for both in found for f in both]
 
 
-def _scanned(space: Space, start: Cause, than: Fitted) -> tuple[list[Stage], Likelihood]:
-    """A law at all its reaches and forms, and how likely each is about the model without it."""
+def _scanned(
+    space: Space, start: Cause, than: Fitted, every: int = 1
+) -> tuple[list[Stage], Likelihood]:
+    """A law at ``every`` so many of its reaches and in all forms, and how likely each is about the
+    model without it.
+    """
     less = than.point.model
-    reaches = space.groups.travel_um * SHORTEST * WIDER ** np.arange(REACHES)
+    reaches = space.groups.travel_um * SHORTEST * WIDER ** np.arange(0, REACHES, every)
     tried = [start.with_values(reach=float(r), taper=f) for f in start.tapers for r in reaches]
     tried = [s for s in tried if playable(space, less.with_stage(s))]
     settle(space, than.point)

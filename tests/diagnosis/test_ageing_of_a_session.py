@@ -43,6 +43,7 @@ def test_ageing_through_a_session_is_named_and_sized(rate):
     assert found.noise_floor_nm == pytest.approx(2.0, rel=0.05)
 
 
+@pytest.mark.study
 def test_ageing_that_begins_anew_is_told_from_it():
     found = diagnose(recordings(aged(0.006, begins_anew=True), conditions=shuffled()))
     (finding,) = found.findings
@@ -67,6 +68,7 @@ def test_ageing_that_noise_hides_in_every_recording_is_seen_in_all_of_them(rate,
     assert not found.unexplained.detected
 
 
+@pytest.mark.study
 def test_a_gain_that_is_not_steady_for_another_reason_is_no_ageing():
     per_mille = (0.0, -1.0, 1.5, -2.0, 1.0, -1.5, 0.5, 1.0, -0.5, 0.0, -1.5, 0.0)
     gains = iter([1.0 + 1e-3 * p for p in per_mille])

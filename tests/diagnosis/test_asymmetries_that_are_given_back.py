@@ -39,7 +39,9 @@ def given_back(x, drive, t, over_v, share):
     return out
 
 
-@pytest.mark.parametrize(("over_v", "share", "seed"), [(5.0, 0.04, 0), (8.0, -0.03, 3)])
+@pytest.mark.parametrize(("over_v", "share", "seed"), [
+    pytest.param(5.0, 0.04, 0, marks=pytest.mark.study), (8.0, -0.03, 3),
+])  # fmt: skip
 def test_it_is_named_alone_and_most_of_it_explained(over_v, share, seed):
     effect = partial(given_back, over_v=over_v, share=share)
     found = diagnose(recordings(effect, conditions=RISES, seed=seed))

@@ -73,7 +73,8 @@ class Row:
     time_s: FloatArray  # of the shared clock
     values: FloatArray
     share: float  # of a single recording's noise power that is left in the values
-    combs_hz: tuple[float, ...]  # of the drive
+    combs_hz: tuple[float, ...] = ()  # of the drive, for a good part of the recording
+    always_hz: tuple[float, ...] = ()  # for all of it
 
     @cached_property
     def level(self) -> FloatArray:
@@ -218,9 +219,9 @@ def rows_of(groups: Groups, model: Model) -> list[Row]:
             continue
         reference = g.measured_um.mean(axis=0) if repeated else g.predicted(model)
         share = (g.repeats - 1) / g.repeats if repeated else 1.0
-        combs = _combs(g)
+        often, always = _combs(g)
         for start, row in zip(g.starts_s, g.measured_um, strict=True):
-            out += [Row(g.time_s[a:b] + start, (row - reference)[a:b], share, combs)
+            out += [Row(g.time_s[a:b] + start, (row - reference)[a:b], share, often, always)
                     for a, b in g.blocks]  # fmt: skip
     return out
 
@@ -228,25 +229,30 @@ def rows_of(groups: Groups, model: Model) -> list[Row]:
 def means_of(groups: Groups, model: Model) -> list[Row]:
     """What every drive has in the mean of its repeats, from its own beginning on."""
     return [
-        Row(g.time_s[a:b], (g.measured_um.mean(axis=0) - g.predicted(model))[a:b], 1.0, _combs(g))
+        Row(g.time_s[a:b], (g.measured_um.mean(axis=0) - g.predicted(model))[a:b], 1.0, *_combs(g))
         for g in groups.groups for a, b in g.blocks
     ]  # fmt: skip
 
 
-def _combs(group: Group) -> tuple[float, ...]:
-    """Frequencies at which the drive repeats itself for a good part of the recording."""
+def _combs(group: Group) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """Frequencies at which the drive repeats itself for a good part of the recording, and those of
+    them at which all of it does.
+    """
     seconds = np.diff(group.time_s[group.loops.start])
     if not seconds.size:
-        return ()
+        return (), ()
     steps = np.rint(np.log(seconds) / 0.05)
     found = []
     for step in np.unique(steps):
         here = seconds[steps == step]
         if here.sum() > LASTING * seconds.sum():
             found.append(0.5 / float(np.median(here)))
-    if np.ptp(steps) > 1 and (whole := _period_s(group)) is not None:
-        found.append(1.0 / whole)  # of all half loops together, as of several sines
-    return tuple(found) or (0.5 / float(np.median(seconds)),)
+    often = tuple(found) or (0.5 / float(np.median(seconds)),)
+    if np.ptp(steps) <= 1:
+        return often, often
+    whole = _period_s(group)  # of all half loops together, as of several sines
+    always = (1.0 / whole,) if whole is not None else ()
+    return often + always, always
 
 
 def _period_s(group: Group) -> float | None:
@@ -286,10 +292,10 @@ def _line(rows: list[Row], f: FloatArray) -> tuple[FloatArray, float]:
                 others = np.abs(at - f[..., None]) > comb  # mirrored at zero it may be the line
                 beside = np.where(others, row.power(at), 0.0)
                 level = np.maximum(level, 2.0 * beside.max(axis=-1))
-                # nothing beside the first lines of a comb is as large as they are
-                order = np.rint(f / comb)
-                first = (order >= 1) & (order <= FIRST) & (abs(f - order * comb) < WIDE * cell)
-                power[first] = 0.0
+                if comb in row.always_hz:  # nothing beside the first lines is as large as they
+                    order = np.rint(f / comb)
+                    first = (order >= 1) & (order <= FIRST) & (abs(f - order * comb) < WIDE * cell)
+                    power[first] = 0.0
         ratio = power / np.maximum(level, 1e-300)
         score += row.share * INDEPENDENT * np.log1p(ratio / INDEPENDENT)
         share += row.share
@@ -321,7 +327,7 @@ def removed(groups: Groups, model: Model, f: float, p: float, spread_hz: float) 
             shares = np.linalg.lstsq(cut[:-1].T, cut[-1], rcond=None)[0]
             rows.append(row - shares @ columns)
             power = float(shares[0] ** 2 + shares[1] ** 2)
-            around = Row(g.time_s[a:b], (row - reference)[a:b], 1.0, ()).power(f + AROUND * cell)
+            around = Row(g.time_s[a:b], (row - reference)[a:b], 1.0).power(f + AROUND * cell)
             noise = float(np.mean(around)) / HANN
             powers.append(power - noise)
             errors.append(noise)

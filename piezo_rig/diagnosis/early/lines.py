@@ -86,6 +86,6 @@ def _alone(rows: list[Row], groups: Groups, line_hz: float, f: FloatArray) -> bo
     if not beside.any() or row.power(line_hz) < FAR * float(power[beside].max()):
         return False
     group = max(groups.groups, key=lambda g: g.drive_v.size)
-    played = Row(group.time_s, group.drive_v, 1.0, ())
+    played = Row(group.time_s, group.drive_v, 1.0)
     around = float(np.mean(played.power(line_hz + AROUND * cell)))
     return bool(played.power(line_hz) < FAR * around)
