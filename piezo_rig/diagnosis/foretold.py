@@ -48,7 +48,7 @@ def foretold(
         id, fitted = found.result.ids[i], best[i]
         if _amiss(search, fitted) > HALF * amiss:
             return False
-        if of_a_law(search, fitted, id) or not search.helps(here, fitted):
+        if of_a_law(search, fitted, id) or not search.helps(here, fitted, False):
             continue
         least = NEAR * search.error(0, fitted)
         near = [j for j in order if j != i and search.error(0, best[j]) < least]
@@ -69,7 +69,7 @@ def in_a_better_form(
     other = _likely(search, here, result, i, fitted)
     if other is None or _amiss(search, other) > HALF * _amiss(search, fitted):
         return fitted
-    return other
+    return other if search.helps(fitted, other, False) else fitted
 
 
 def _far_off(search: Search, here: Fitted, fitted: Fitted) -> bool:
