@@ -70,7 +70,7 @@ class Cells:
         if not self.split.any():
             return mean
         out = np.empty((*lead, self.size))
-        out[..., self.begins[:-1][~self.split]] = mean[..., ~self.split]
+        out[..., self.whole] = mean[..., ~self.split]
         out[..., self.single] = cut[..., self.split, :].reshape(*lead, -1)
         return out
 
@@ -79,7 +79,7 @@ class Cells:
         if not self.split.any() or self.factor == 1:
             return values
         out = np.empty((*values.shape[:-1], len(self.marks)))
-        out[..., ~self.split] = values[..., self.begins[:-1][~self.split]]
+        out[..., ~self.split] = values[..., self.whole]
         even = np.full(self.factor, 1.0 / self.factor)
         single = values[..., self.single].reshape(*values.shape[:-1], -1, self.factor)
         out[..., self.split] = single @ even
