@@ -18,7 +18,8 @@ from piezo_rig.chain.model import Model
 from piezo_rig.chain.stage import Stage
 from piezo_rig.errors import InputError
 from piezo_rig.model_export.c_kernel import DEPTH, Kernel, kernel, law_of
-from piezo_rig.model_export.c_parts import PARTS, Part, Place, no_form
+from piezo_rig.model_export.c_part import Part, Place
+from piezo_rig.model_export.c_parts import PARTS, no_form
 from piezo_rig.model_export.c_text import comment, number
 
 
