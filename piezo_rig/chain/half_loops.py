@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 FloatArray = NDArray[np.float64]
 BLOCKS, BLOCK = 16, 400  # samples looked at for the dead band
 REACH = 10.0  # dead band in standard deviations: two extremes of a long hold
+FEWEST = 64  # samples, of which corners are no large part: fewer do not say what is noise
 LARGEST = 0.05  # of the drive's range
 MANY, FEWER = 20, 2.0  # reversals of a random walk; of those left beyond twice the dead band
 SMALL = 5e-4  # of the range of the drive: ringing or rounding, and no half loop
@@ -96,7 +97,7 @@ def noise(drive_v: FloatArray) -> float:
     median makes corners and jumps count for nothing.
     """
     n = drive_v.size
-    if n < 16:
+    if n < FEWEST:
         return 0.0
     if n <= BLOCKS * BLOCK:
         pieces = drive_v[None, :]

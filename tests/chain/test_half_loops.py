@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from small_models import ride
@@ -68,3 +70,11 @@ def test_a_hold_at_the_top_is_one_turning_point():
     loops = half_loops(drive)
     assert len(loops) == 2
     assert loops.extremum_v[1] == 5.0
+
+
+def test_sixteen_samples_of_a_waveform_say_nothing_of_noise():
+    corners = [0.0, 0.0, 45.0, 0.0, 1.0, 0.0]
+    drive = np.concatenate([[0.0], *(np.linspace(a, b, 4)[1:] for a, b in pairwise(corners))])
+    assert drive.size == 16
+    assert dead_band(drive) == 0.0
+    assert len(half_loops(drive)) == 4  # the one of 1 V too
