@@ -11,6 +11,7 @@ import numba
 import numpy as np
 
 DEEPEST = 20  # loops inside each other, twice; of more the innermost are forgotten
+CLOSED = 1e-9  # of a loop: rounding does not decide whether it has been closed
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
@@ -19,6 +20,12 @@ def gained(moved, reach, whole):
     if not whole > 0.0:
         return 0.0
     return reach * (1.0 - np.exp(-moved / reach)) * (1.0 - moved / whole)
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def is_back(x, there, since, way):
+    """Whether a signal that turned at ``since`` is back at ``there``."""
+    return (x - there) * way >= -CLOSED * abs(there - since)
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
@@ -45,9 +52,9 @@ def given_back_each(begins, signal, reach):
                 depth += 1
             if step != 0.0:
                 way = 1.0 if step > 0.0 else -1.0
-            while depth > 2 and (signal[i] - at[depth - 2]) * way >= 0.0:
+            while depth > 2 and is_back(signal[i], at[depth - 2], at[depth - 1], way):
                 depth -= 2
-            if depth == 2 and (signal[i] - at[0]) * way >= 0.0:
+            if depth == 2 and is_back(signal[i], at[0], at[1], way):
                 beyond, depth = had[0], 1
                 at[0], had[0] = at[1], had[1]
             if depth == 1:

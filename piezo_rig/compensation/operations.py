@@ -10,7 +10,7 @@ import math
 
 import numba
 
-from piezo_rig.chain.given_back import DEEPEST, gained
+from piezo_rig.chain.given_back import DEEPEST, gained, is_back
 
 SMALLEST_V = 1e-9  # what moves less stands still: it is the rounding of a solution
 MEMORY = 52  # floats that an operation remembers at most: the stops of an asymmetry, and more
@@ -277,9 +277,9 @@ def _given_back(reach, old, new, x):
         depth += 1
     if step != 0.0:
         way = 1.0 if step > 0.0 else -1.0
-    while depth > 2 and (x - new[TURNS + 2 * depth - 4]) * way >= 0.0:
+    while depth > 2 and is_back(x, new[TURNS + 2 * depth - 4], new[TURNS + 2 * depth - 2], way):
         depth -= 2
-    if depth == 2 and (x - new[TURNS]) * way >= 0.0:
+    if depth == 2 and is_back(x, new[TURNS], new[TURNS + 2], way):
         new[BEYOND] = new[TURNS + 1]
         new[TURNS] = new[TURNS + 2]
         new[TURNS + 1] = new[TURNS + 3]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from piezo_rig.causes.direction_asymmetry import DirectionAsymmetry
-from piezo_rig.chain.given_back import DEEPEST
+from piezo_rig.chain.given_back import CLOSED, DEEPEST
 from piezo_rig.chain.stage import Stage
 from piezo_rig.model_export.c_part import Part, Place
 from piezo_rig.model_export.c_text import array, number
@@ -70,9 +70,11 @@ def _given_back(stage: DirectionAsymmetry, at: Place) -> Part:
     }}
     if (moved != 0.0)
         s->{way} = moved > 0.0 ? 1.0 : -1.0;
-    while (s->{depth} > 2 && (x - s->{where}[s->{depth} - 2]) * s->{way} >= 0.0)
+    while (s->{depth} > 2 && (x - s->{where}[s->{depth} - 2]) * s->{way}
+           >= -{CLOSED} * fabs(s->{where}[s->{depth} - 2] - s->{where}[s->{depth} - 1]))
         s->{depth} -= 2;
-    if (s->{depth} == 2 && (x - s->{where}[0]) * s->{way} >= 0.0) {{
+    if (s->{depth} == 2 && (x - s->{where}[0]) * s->{way}
+        >= -{CLOSED} * fabs(s->{where}[0] - s->{where}[1])) {{
         s->{beyond} = s->{had}[0];
         s->{where}[0] = s->{where}[1];
         s->{had}[0] = s->{had}[1];

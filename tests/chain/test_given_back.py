@@ -72,3 +72,11 @@ def test_more_loops_inside_each_other_than_are_kept_are_no_fault():
     assert np.all(np.isfinite(out))
     back = gains(along([*turns, 10.0]))[-1]
     assert back == pytest.approx(0.0, abs=1e-9)
+
+
+@given(turns=st.lists(levels, min_size=2, max_size=30), seed=st.integers(0, 99))
+def test_rounding_does_not_decide_whether_a_loop_is_closed(turns, seed):
+    signal = along([0.0, 3.0, 0.0, *turns, 0.0, 1.0, 0.0, 1.0])
+    rng = np.random.default_rng(seed)
+    rounded = signal + 1e-15 * rng.choice([-1.0, 0.0, 1.0], signal.size) * (signal > 0.0)
+    assert gains(rounded) == pytest.approx(gains(signal), abs=1e-7)
