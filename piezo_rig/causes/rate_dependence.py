@@ -32,14 +32,16 @@ REFERENCE_V_PER_S = 300.0
 USUAL_S = 3e-3
 WINDOWS_S = (0.5e-3, 2e-3, 8e-3)
 LOW, HIGH = 0.4, 1.0  # exponents of the two examples
+LARGE_EXPONENTS, LARGE_TIMES = (0.4, 0.7, 1.0), (0.5, 1.0, 2.0, 4.0, 8.0)  # from which one begins
 
 
 class RateDependence(Cause):
     """``lag_um`` at 300 V/s, and the ``exponent`` with which it grows.
 
     ``window_s`` : over which the rate is taken, or (``settles`` 1) within which the lag of the rate
-    at hand settles. ``widens`` : 1 where thresholds widen, by what makes ``lag_um`` at the sliders'
-    mean compliance; 0 where it is the same all along a half loop
+    at hand settles. ``widens`` : 1 where thresholds widen, by what makes ``lag_um`` at the
+    compliance ``um_per_v`` (the sliders' mean one by default); 0 where it is the same all along a
+    half loop
     """
 
     id = "rate-dependence"
@@ -48,8 +50,10 @@ class RateDependence(Cause):
     law: ClassVar[Mapping[str, float]] = {"frequency": 0.05, "first rise": 0.05}
     of_speed = True
     units: ClassVar[Mapping[str, str]] = {"lag_um": "um", "exponent": "1"}
-    optional: ClassVar[Mapping[str, str]] = {"window_s": "s", "widens": "1", "settles": "1"}
-    given: ClassVar[tuple[str, ...]] = ("widens", "settles")
+    optional: ClassVar[Mapping[str, str]] = {
+        "window_s": "s", "widens": "1", "settles": "1", "um_per_v": "um/V",
+    }  # fmt: skip
+    given: ClassVar[tuple[str, ...]] = ("widens", "settles", "um_per_v")
     scanned: ClassVar[tuple[str, float]] = ("window_s", 2.0 ** (1 / 6))
     neutral: ClassVar[Mapping[str, float]] = {"exponent": 0.7}
     priors: ClassVar[Mapping[str, tuple[float, float]]] = {"exponent": (0.7, 0.2)}
@@ -65,6 +69,10 @@ class RateDependence(Cause):
         """The lag hardly depends on the displacement."""
         return True
 
+    @property
+    def moves_sliders(self) -> bool:
+        return self.widens
+
     def seen_by_sliders(self, signal: Signal, branches: Branches) -> FloatArray:
         from piezo_rig.chain.backlash import behind_each
 
@@ -78,11 +86,9 @@ class RateDependence(Cause):
         """Volts by which thresholds widen at `REFERENCE_V_PER_S`; 0 in the other form."""
         if not self.widens:
             return 0.0
-        rest = branches.rest
-        volts = np.diff(rest.knots_v, prepend=0.0)
-        moved = float(volts @ rest.compliance_um_per_v[: volts.size])
-        compliance = moved / float(rest.knots_v[-1]) if moved else rest.compliance_um_per_v[-1]
-        return float(self["lag_um"] / compliance)
+        if "um_per_v" in self.parameters:  # then the width does not hang on what elements become
+            return self["lag_um"] / self["um_per_v"]
+        return self["lag_um"] / _mean_compliance(branches)
 
     @property
     def window(self) -> float:
@@ -124,6 +130,22 @@ class RateDependence(Cause):
         return [self.with_values(settles=0.0 if self.settles else 1.0),
                 self.with_values(widens=1.0, **usual)]  # fmt: skip
 
+    def at_large(self, near: Stage | None = None) -> list[Stage]:
+        """In both forms, at other exponents, lags and windows.
+
+        From a lag that is far too small a descent ends at none, with an exponent at its limit.
+        """
+        if near is not None:
+            return []
+        return [
+            self.with_values(
+                lag_um=times * self["lag_um"], exponent=exponent, widens=widens, settles=0.0,
+                window_s=window_s,
+            )
+            for widens in (0.0, 1.0) for exponent in LARGE_EXPONENTS for times in LARGE_TIMES
+            for window_s in WINDOWS_S[1:]
+        ]  # fmt: skip
+
     def increment(self, branches: Branches) -> Increment | str:
         rest = (self["exponent"], self.window, REFERENCE_V_PER_S)
         if self.widens:
@@ -153,9 +175,10 @@ class RateDependence(Cause):
     @classmethod
     def variants(cls, context: Context) -> list[list[Stage]]:
         speed = max(context.slew_v_per_s / REFERENCE_V_PER_S, 1e-9)
-        size = 3e-4 * context.travel_um
+        size, um_per_v = 3e-4 * context.travel_um, _mean_compliance(context.model.branches())
         return [
-            [cls.of(None, lag_um=size / speed**e, exponent=e, window_s=w, widens=s)
+            [cls.of(None, lag_um=size / speed**e, exponent=e, window_s=w, widens=s,
+                    um_per_v=um_per_v)
              for e in (LOW, HIGH)]
             for s in (0.0, 1.0) for w in WINDOWS_S
         ]  # fmt: skip
@@ -169,5 +192,13 @@ class RateDependence(Cause):
         share = float(np.clip(shares[1] / total, 0.0, 1.0)) if total else 0.5
         exponent = LOW + (HIGH - LOW) * share
         lag = max(total, 0.1) * slow * speed ** (LOW - exponent)
-        return cls.of(None, lag_um=lag, exponent=exponent, window_s=trials[0]["window_s"],
-                      widens=trials[0]["widens"])  # fmt: skip
+        kept = {n: trials[0][n] for n in cls.optional if n in trials[0].parameters}
+        return cls.of(None, lag_um=lag, exponent=exponent, **kept)
+
+
+def _mean_compliance(branches: Branches) -> float:
+    """Of all sliders together, um/V."""
+    rest = branches.rest
+    volts = np.diff(rest.knots_v, prepend=0.0)
+    moved = float(volts @ rest.compliance_um_per_v[: volts.size])
+    return float(moved / rest.knots_v[-1] if moved else rest.compliance_um_per_v[-1])

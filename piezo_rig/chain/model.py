@@ -225,7 +225,7 @@ class Model:
         given = np.ascontiguousarray(signal.drive_v)
         branches, driven = self.branches(), given
         for stage in active:
-            if type(stage).seen_by_sliders is not Stage.seen_by_sliders:
+            if stage.moves_sliders:
                 key = (*key, "sliders", id(stage), id(self.maxwell))
                 driven = memo.get(self, key, partial(stage.seen_by_sliders, signal, branches))
         loops = list[HalfLoops]()

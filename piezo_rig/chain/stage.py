@@ -175,6 +175,11 @@ class Stage:
         """What the stage makes of the kernel's branches."""
         return branches
 
+    @property
+    def moves_sliders(self) -> bool:
+        """Whether sliders follow another drive than the first spring does."""
+        return type(self).seen_by_sliders is not Stage.seen_by_sliders
+
     def seen_by_sliders(self, signal: Signal, branches: Branches) -> FloatArray:
         """The drive (n,) that the sliders follow; the first spring follows the drive itself."""
         return signal.drive_v

@@ -48,7 +48,11 @@ def _bands(model: Model, group: Group, played: FloatArray) -> FloatArray:
         if stage.place == "drive":
             signal = stage.act(signal)
     drive = np.ascontiguousarray(signal.drive_v)
-    walk = branches.walk(drive)
+    seen = drive
+    for stage in model.stages:
+        if stage.moves_sliders:
+            seen = stage.seen_by_sliders(signal, model.branches())
+    walk = branches.walk(seen)
     first = branches.initiation.compliance_um_per_v.size
     later = 1 + branches.rest.compliance_um_per_v.size
     own = not model.one_curve
@@ -66,6 +70,8 @@ def _bands(model: Model, group: Group, played: FloatArray) -> FloatArray:
                     rise[k] = 1.0
             out = np.empty(drive.size)
             slope = np.full((1, 1), 1.0 / branch[0] if branch[0] else np.inf)
-            kernels.fill(drive, walk.ints, walk.floats, first, rise, slope, branch[1:], out)
+            kernels.fill(seen, walk.ints, walk.floats, first, rise, slope, branch[1:], out)
+            if branch[0]:  # the first spring follows the drive itself
+                out += drive - seen
             rows.append(out[before:] - out[before])
     return np.array(rows)

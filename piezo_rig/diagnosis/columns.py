@@ -211,13 +211,14 @@ class Columns:
         self, index: int, driven: Group, model: Model
     ) -> tuple[FloatArray, FloatArray]:
         """Powers and fine thresholds of a group's drive as it is delivered, thinned."""
+        slid = _as_sliders_see(driven, model)
 
         def made() -> tuple[FloatArray, FloatArray]:
-            plays = dictionary.fine(driven, self.scales, self.first_rise, model)
+            plays = dictionary.fine(slid, self.scales, self.first_rise, model)
             powers = dictionary.powers(driven, self.scales)
             return self.groups.thinned(driven, powers), self.groups.thinned(driven, plays)
 
-        if driven is not self.groups.groups[index]:
+        if slid is not self.groups.groups[index]:
             return made()
         return self._kept_of(("drive", index, self.first_rise, left_before(model)), made)
 
@@ -228,7 +229,7 @@ class Columns:
         def made() -> FloatArray:
             return self.groups.thinned(group, basis.bands(model, group))
 
-        if any(s.place == "drive" for s in model.stages):
+        if any(s.place == "drive" or s.moves_sliders for s in model.stages):
             return made()
         left = left_before(model)
         return self._kept_of(("bands", index, tables, model.branches().keeps_ties, left), made)
@@ -249,7 +250,8 @@ class Columns:
         """The key of known columns that are near enough to a model's, else the model's own."""
         stages = [
             s for s in model.stages
-            if s in model.remembering or (dictionary.carries(s) and s.locked_to == "drive")
+            if s in model.remembering or s.moves_sliders
+            or (dictionary.carries(s) and s.locked_to == "drive")
         ]  # fmt: skip
         key = (
             (self.first_rise, self.held, self.loose),
@@ -367,6 +369,16 @@ def _driven(group: Group, model: Model) -> Group:
     if not stages:
         return group
     return replace(group, drive_v=np.ascontiguousarray(signal.drive_v), denser=None)
+
+
+def _as_sliders_see(driven: Group, model: Model) -> Group:
+    """A group whose drive is delivered with the drive that sliders follow."""
+    for stage in model.stages:
+        if stage.moves_sliders:
+            signal = Signal(driven.time_s, driven.drive_v, np.zeros(0))
+            seen = stage.seen_by_sliders(signal, model.branches())
+            return replace(driven, drive_v=np.ascontiguousarray(seen), denser=None)
+    return driven
 
 
 def _with_tables(model: Model, of: Model) -> Model:

@@ -67,9 +67,9 @@ def begun_best(space: Space, point: Point, id: str, example: Stage, promised: fl
         ]  # fmt: skip
     large = stage.at_large() if promised > VERY_LARGE or stage.of_base else []
     if large:
-        large = _looked_at(space, point, large)
+        large = looked_at(space, point, large)
         worth = _begun_with(space, point, large, _as_begun)
-        near = _looked_at(space, point, stage.at_large(near=large[int(np.argmax(worth))]))
+        near = looked_at(space, point, stage.at_large(near=large[int(np.argmax(worth))]))
         worth = _begun_with(space, point, [*starts, *near], _as_begun)
         return replace(point, model=point.model.with_stage([*starts, *near][int(np.argmax(worth))]))
     if len(starts) == 1:
@@ -78,9 +78,11 @@ def begun_best(space: Space, point: Point, id: str, example: Stage, promised: fl
     return replace(point, model=point.model.with_stage(starts[int(np.argmax(worth))]))
 
 
-def _looked_at(space: Space, point: Point, starts: list[Stage]) -> list[Stage]:
+def looked_at(
+    space: Space, point: Point, starts: list[Stage], most: int = LOOKED_AT
+) -> list[Stage]:
     """Those of many starts that a linear look, each at its whole size, finds likeliest."""
-    if len(starts) <= LOOKED_AT:
+    if len(starts) <= most:
         return starts
     less = point.without(starts[0].id)
     settle(space, less)
@@ -88,7 +90,7 @@ def _looked_at(space: Space, point: Point, starts: list[Stage]) -> list[Stage]:
     pairs = [(less.model, less.model.with_stage(s)) for s in starts]
     likelihood = Likelihood(reduce(space.linear(less, pairs)))
     worth = [likelihood.evidence([k]) for k in range(len(starts))]
-    return [starts[k] for k in np.argsort(worth)[::-1][:LOOKED_AT]]
+    return [starts[k] for k in np.argsort(worth)[::-1][:most]]
 
 
 def _begun_with(

@@ -3,18 +3,30 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
+from piezo_rig.causes.cause import Cause
+from piezo_rig.diagnosis.abreast import abreast
 from piezo_rig.diagnosis.fit import Point
-from piezo_rig.diagnosis.forms import as_late, begun_best, beside_kinks, further, in_another_form
+from piezo_rig.diagnosis.forms import (
+    as_late,
+    begun_best,
+    beside_kinks,
+    further,
+    in_another_form,
+    looked_at,
+)
 from piezo_rig.diagnosis.needed import does_nothing, needless, plain_bend
-from piezo_rig.diagnosis.refit import Fitted, refit, refit_either_way, settle
+from piezo_rig.diagnosis.refit import Fitted, refit, refit_either_way, settle, square_of
 from piezo_rig.diagnosis.scan import Found, extended
 from piezo_rig.diagnosis.space import Space
 from piezo_rig.errors import InputError
 
 LARGE = 300.0  # log-likelihood above which the linear start is not trusted
+LOOKED_AT = 2  # starts of an effect that goes by speed, from which plain least squares is tried
+FAR_LESS = 0.5  # squared error, of that of the likeliest refit
 LOST = 0.3  # of what a linear look at a cause promised; a refit that keeps less went too far
 
 
@@ -32,6 +44,30 @@ def descended(space: Space, point: Point, here: Fitted, promised: float) -> Fitt
     return max(fitted, near, key=lambda f: f.evidence)
 
 
+def by_least_squares(space: Space, point: Point, fitted: Fitted, id: str) -> Fitted:
+    """A cause that goes by speed where plain least squares ends, if that leaves far less.
+
+    As long as other effects are missing, a large one is fitted to whatever of them looks like it:
+    what leaves half of the squared error is nearer to it, whatever the evidence is.
+    """
+    stage = point.model.stage(id)
+    if not isinstance(stage, Cause) or not stage.of_speed:
+        return fitted
+    starts = looked_at(space, point, stage.at_large(), LOOKED_AT)
+    points = [replace(point, model=point.model.with_stage(s)) for s in starts]
+    ends = abreast(space, [partial(_plainly, space, p) for p in points], fitted.parts)
+    found = [f for f in ends if f is not None]
+    best = min(found, key=lambda f: square_of(f.linear), default=fitted)
+    return best if square_of(best.linear) < FAR_LESS * square_of(fitted.linear) else fitted
+
+
+def _plainly(space: Space, point: Point) -> Fitted | None:
+    try:
+        return refit(space, point, held=True, plain=True)
+    except (InputError, np.linalg.LinAlgError):
+        return None
+
+
 def refitted(space: Space, here: Fitted, found: Found, i: int) -> Fitted | None:
     """The model with a cause put in; None where that comes to nothing."""
     candidate = found.candidates[i]
@@ -47,6 +83,8 @@ def refitted(space: Space, here: Fitted, found: Found, i: int) -> Fitted | None:
         fitted = beside_kinks(space, fitted, candidate.id)
         fitted = as_late(space, fitted, candidate.id)
         fitted = in_another_form(space, fitted, candidate.id)
+        if promised > LARGE:
+            fitted = by_least_squares(space, point, fitted, candidate.id)
     except (InputError, np.linalg.LinAlgError):
         fitted = None  # at the size that the data ask for it cannot even be played
     if fitted is None or does_nothing(space, fitted.point, candidate.id):

@@ -224,10 +224,10 @@ def refit(
             change = _within(point, change)
         else:
             change = np.zeros(0)
-        before = _square(linear)
+        before = square_of(linear)
         point, change, linear = _moved(space, point, linear, change)
         settled = bool(q == 0 or np.all(np.abs(change) <= SETTLED * np.sqrt(np.diag(covariance))))
-        moving = step > 1 and abs(_square(linear) - before) > AGAIN * before
+        moving = step > 1 and abs(square_of(linear) - before) > AGAIN * before
         if q != 0 and (moving or (step == 1 and _far(point, begun))):
             settle(space, point)
             linear = space.linear(point)
@@ -262,7 +262,7 @@ def wholly(space: Space, point: Point) -> Fitted:
     return refit(space, refit(space, point).point, steps=1, held=True)
 
 
-def _square(linear: Linear) -> float:
+def square_of(linear: Linear) -> float:
     """Squared error over all samples, um^2."""
     return float(linear.raw_residual[:, -1].sum())
 
@@ -336,7 +336,7 @@ def _moved(
         there = point.moved(values)
         if playable(space, there.model, whole=True):
             left = space.with_residual(linear, there)
-            if not change.size or _square(left) < ASTRAY * _square(linear):
+            if not change.size or square_of(left) < ASTRAY * square_of(linear):
                 return there, change, left
         change = 0.5 * change
     return point, np.zeros_like(change), linear

@@ -71,6 +71,22 @@ def test_thresholds_that_widen_with_speed_are_those_of_the_operators_themselves(
     assert np.max(np.abs(own - model.simulate(time, drive))) > 0.01
 
 
+def test_thresholds_that_widen_by_a_given_compliance_do_not_hang_on_the_elements():
+    time = np.arange(0.0, 1.0, 1e-3)
+    drive = np.interp(time, [0.0, 0.3, 0.5, 0.6, 1.0], [0.0, 60.0, 10.0, 50.0, 0.0])
+    knots, c = np.array([4.0, 12.0, 30.0, 80.0]), np.array([0.08, 0.1, 0.12, 0.15])
+    stage = CAUSES["rate-dependence"].of(
+        None, lag_um=0.05, exponent=0.7, window_s=2e-3, widens=1.0, um_per_v=0.1
+    )
+
+    def moved(compliance):
+        elements = Elements.from_curve(knots, compliance)
+        return Model((Maxwell.of(elements),)).with_stage(stage).simulate(time, drive)
+
+    both = moved(c) + moved(c[::-1].cumsum())  # linear in what the elements are
+    assert both == pytest.approx(moved(c + c[::-1].cumsum()), abs=1e-9)
+
+
 def test_viscosity_lags_by_its_length_at_300_volts_per_second():
     for slope in (300.0, -300.0):
         x = seen("rate-dependence", np.zeros(TIME.size), drive=slope * TIME,

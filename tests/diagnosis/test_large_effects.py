@@ -23,7 +23,7 @@ from piezo_rig.diagnosis import diagnose
 from piezo_rig.diagnosis.climb import Search
 from piezo_rig.diagnosis.isolability import isolability
 from piezo_rig.diagnosis.ladder import Step
-from piezo_rig.diagnosis.refit import ASTRAY, _moved, _square, refit, settle
+from piezo_rig.diagnosis.refit import ASTRAY, _moved, refit, settle, square_of
 from piezo_rig.diagnosis.spare import _gained_nothing, _stands_in
 from piezo_rig.studies.hidden import draw
 
@@ -166,7 +166,7 @@ def test_a_step_that_leads_astray_is_shortened_until_it_does_not():
     there, change, left = _moved(space, point, before, np.array([-20.0]))
     assert -20.0 < change[0] < 0.0
     assert there.model.stage("slew-limit")["limit"] > 280.0
-    assert _square(left) < ASTRAY * _square(before)
+    assert square_of(left) < ASTRAY * square_of(before)
 
 
 def test_what_predicted_worse_is_looked_at_again():
