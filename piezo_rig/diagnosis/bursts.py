@@ -15,8 +15,8 @@ from piezo_rig.chain import Model
 from piezo_rig.diagnosis.groups import Group, Groups
 
 FloatArray = NDArray[np.float64]
-LONG = 32  # thinned samples of a stretch
-LOUDEST = 2  # samples of a stretch: a spike, and the cell that it spreads to
+LENGTHS = (32, 128, 512)  # thinned samples of a stretch: what rings slowly is slow in a short one
+SPIKED = 16  # samples of a stretch, of which one may be loud: a spike, and the cell it spreads to
 BELOW = 1.2816  # standard deviations from the median to the tenth percentile
 FEW = 20  # stretches that say nothing of how much they scatter
 STANDS_OUT = 6.0  # standard deviations of the logarithm of a stretch's power
@@ -49,14 +49,21 @@ def bursts(groups: Groups, model: Model) -> Bursts | None:
 
     Stretches are compared by the logarithm of their power, trends and the loudest samples taken
     off: a spike is no burst. Its scatter is that of the quieter half of the data at hand, whatever
-    the spectrum of their noise. None without repeats, or where nothing stands out.
+    the spectrum of their noise. Longer
+    stretches are looked at where shorter ones show nothing. None without repeats, or where nothing
+    stands out.
     """
     groups = groups.evenly()  # single samples beside corners are noisier than averages
+    found = (_of_length(groups, model, long) for long in LENGTHS)
+    return next((b for b in found if b is not None), None)
+
+
+def _of_length(groups: Groups, model: Model, long: int) -> Bursts | None:
     powers, places = list[tuple[float, float]](), list[tuple[str, float]]()
     for group in groups.groups:
         if group.repeats < 2:
             continue
-        made, seconds = _stretches(groups, group, model)
+        made, seconds = _stretches(groups, group, model, long)
         powers += made
         places += [(group.condition, s) for s in seconds]
     if len(powers) < FEW:
@@ -67,7 +74,7 @@ def bursts(groups: Groups, model: Model) -> Bursts | None:
         return None
     apart = np.log(np.maximum(every, 1e-3 * usual) / usual)
     scatter = -float(np.percentile(apart, 10.0)) / BELOW
-    out = np.flatnonzero(apart > STANDS_OUT * max(scatter, LONG**-0.5))
+    out = np.flatnonzero(apart > STANDS_OUT * max(scatter, long**-0.5))
     if not out.size:
         return None
     order = out[np.argsort(-every[out])][:MOST_TOLD]
@@ -79,7 +86,7 @@ def bursts(groups: Groups, model: Model) -> Bursts | None:
 
 
 def _stretches(
-    groups: Groups, group: Group, model: Model
+    groups: Groups, group: Group, model: Model, long: int
 ) -> tuple[list[tuple[float, float]], list[float]]:
     """Variance of every stretch of a group, um^2, without its loudest samples and with them; when
     each begins.
@@ -88,14 +95,14 @@ def _stretches(
     left = groups.thinned(group, left - left.mean(axis=0))
     left = left * np.sqrt(group.repeats / (group.repeats - 1.0))
     time = groups.thinned(group, group.time_s)
-    level = np.stack([np.ones(LONG), np.linspace(-1.0, 1.0, LONG)])
+    level = np.stack([np.ones(long), np.linspace(-1.0, 1.0, long)])
     level /= np.linalg.norm(level, axis=1, keepdims=True)
     found, seconds = list[tuple[float, float]](), list[float]()
     for a, b in groups.edges(group):
-        for begin in range(a, b - LONG + 1, LONG):
-            rows = left[:, begin : begin + LONG]
+        for begin in range(a, b - long + 1, long):
+            rows = left[:, begin : begin + long]
             rows = rows - (rows @ level.T) @ level
             square = np.sort(rows**2, axis=1)
-            found.append((float(square[:, :-LOUDEST].mean()), float(square.mean())))
+            found.append((float(square[:, : -(long // SPIKED)].mean()), float(square.mean())))
             seconds.append(float(time[begin] - group.time_s[0]))
     return found, seconds

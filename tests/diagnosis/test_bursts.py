@@ -48,6 +48,19 @@ def test_a_knock_is_found_where_it_is():
     assert told.rms_nm == pytest.approx(1e3 * np.sqrt(0.25 * 0.1**2 * 0.1 / 24.0), rel=0.15)
 
 
+def test_a_slow_knock_is_found_in_longer_stretches():
+    """A knock that rings at 4 Hz for a second is hardly more than a trend within 32 ms."""
+    sweeps = session(3, "white", steady)
+    time = np.arange(sweeps[2].sensor_v.size) / sweeps[2].sample_rate
+    since = np.maximum(time - 1.5, 0.0)
+    knock = 0.02 * np.where(time > 1.5, np.exp(-since / 0.8) * np.sin(2 * np.pi * 4.0 * since), 0.0)
+    told = found([
+        s.with_(sensor_v=s.sensor_v + knock) if k == 2 else s for k, s in enumerate(sweeps)
+    ])
+    assert {name for name, _ in told.at} == {"to 70 V"}
+    assert all(1.3 < seconds < 3.5 for _, seconds in told.at)
+
+
 def test_a_diagnosis_calls_it_unexplained_and_names_no_cause():
     out = diagnose(knocked(session(1, "white", steady), 0.1))
     assert out.findings == []
