@@ -48,6 +48,7 @@ FEWER = 4  # counts that are tried
 PLAIN = 8  # losses of one drive that may be plain to see
 LESS, SAME = 0.3, 1.05  # what they may leave of what others do; the same, where they are fewer
 LIKELIEST = 4  # peaks of a group that are looked at closely
+EDGE, STEEP = 8, 0.05  # samples to either side of a jump; of the drive's span, in an edge of it
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,7 +88,10 @@ def find_breaks(
             mine = sorted((p for p in peaks if found[p.stretch].group == g),
                           key=lambda p: -p.gained)  # fmt: skip
             mixed = any(p.cause == DROP for p in mine)
-            exact = [e for p in mine[:LIKELIEST] if (e := _exact(search, p, mixed)) is not None]
+            exact = [
+                e for p in mine[:LIKELIEST]
+                if (e := _exact(search, p, mixed)) is not None and not _of_memory(groups, e[1])
+            ]  # fmt: skip
             gained, new = _likeliest(search, groups, exact)
             if new is not None and new.cause == JUMP and mine[0].cause == DROP and (
                 mine[0].gained > gained and abs(mine[0].at - new.index) < NEAR_S[0] * groups.rate
@@ -119,6 +123,20 @@ def find_breaks(
         breaks = _plain(groups, predicted, found, breaks, sweeps, g, level)
         breaks = _mending(groups, predicted, breaks, g)
     return Breaks(tuple(_at_once(breaks)))
+
+
+def _of_memory(groups: Groups, new: Break | None) -> bool:
+    """Whether a jump is in an edge of the drive while nobody knows what the actuator remembers.
+
+    Recordings that remember different things differ by that as soon as the drive has moved.
+    """
+    if new is None or new.cause != JUMP:
+        return False
+    group = groups.groups[new.group]
+    if group.virgin or new.index >= group.blocks[0][0]:
+        return False
+    about = group.drive_v[max(new.index - EDGE, 0) : new.index + EDGE]
+    return bool(np.ptp(about) > STEEP * np.ptp(group.drive_v))
 
 
 def _likeliest(
