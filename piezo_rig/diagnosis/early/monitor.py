@@ -405,8 +405,12 @@ class _Reader:
     def bound(self, here: _Guess, law: str) -> Stage | None:
         """The smallest example of a law that would show, found from the smallest on."""
         for x in SMALLER[law]:
-            lag = x * self.corners.step_s if law == LAG else 0.0
-            g = self.guess(here.laws | {law: float(x)}, here.held, here.delay_s - lag)
+            laws = here.laws | {law: float(x)}
+            near_s = here.delay_s - (x * self.corners.step_s if law == LAG else 0.0)
+            seen = self.corners.seen(self.at(laws, here.held), near_s)
+            if (self.corners.explained(seen)[0] - here.misfit) / TWICE <= OUTSIDE:
+                continue  # nor at the delay that fits it best
+            g = self.guess(laws, here.held, near_s)
             if (g.misfit - here.misfit) / TWICE > OUTSIDE:
                 return self.stage(law, float(x))
         return None
