@@ -34,6 +34,7 @@ EXPLAINED = 1.5  # misfit of such a beginning, of the misfit further on, at most
 NEARLY_ALL, HARDLY_ANY = 0.9, 0.1  # of all that is played; of the misfit of a virgin beginning
 APART = 3.0  # times what repeats differ by further on
 SUDDEN = 0.3  # of the whole difference, within four samples: damage
+STEEP, RINGS = 0.02, 500  # of the drive's span, within those: an edge of it; samples it rings for
 REMEMBERS = "as after an earlier excursion that was not recorded"
 AMONG = "it comes after others, most of which begin with a memory"
 UNLIKE = "a repeat of it begins otherwise and goes on alike"
@@ -75,6 +76,13 @@ def without_remembered(data: Data, sweeps: Sequence[Sweep], point: Point) -> Dat
         sweeps[t.sweeps[0]].name: REMEMBERS for t in guessed
         if t.sweeps in known and _remembers(model, t, known[t.sweeps].blocks[0][0])
     }
+    kept |= {  # of one drive, and both from rest: they cannot begin otherwise than each other
+        sweeps[t.sweeps[0]].name: UNLIKE for t in guessed
+        if any(
+            o is not t and o.sweeps in known and same_drive(t, o, sweeps)
+            and _differs(t, known[o.sweeps]) for o in guessed
+        )
+    }
     if not kept:
         return data
     left = [t for t in guessed if sweeps[t.sweeps[0]].name not in kept]
@@ -98,7 +106,8 @@ def _among(data: Data, sweeps: Sequence[Sweep], guessed: Sequence[Track]) -> dic
 def _differs(track: Track, repeat: Track) -> bool:
     """Whether a repeat that begins with a memory begins otherwise, and goes on alike.
 
-    A step in what they differ by is damage, which one of the two has.
+    A step in what they differ by is damage, which one of the two has; but not within or
+    soon after an edge of the drive, which asks at once for what they remember.
     """
     n, begin = min(track.drive_v.size, repeat.drive_v.size), repeat.blocks[0][0]
     if not 16 <= begin <= n - 16:
@@ -106,7 +115,10 @@ def _differs(track: Track, repeat: Track) -> bool:
     off = track.displacement_um[:n] - repeat.displacement_um[:n]
     off -= off[begin:].mean()
     early, later = off[:begin], float(np.std(off[begin:]))
-    step = float(np.max(np.abs(early[4:] - early[:-4])))
+    steep = np.abs(track.drive_v[4:begin] - track.drive_v[: begin - 4])
+    at = np.arange(steep.size)
+    edge = np.maximum.accumulate(np.where(steep > STEEP * np.ptp(track.drive_v), at, -RINGS))
+    step = float(np.max(np.abs(early[4:] - early[:-4])[at - edge >= RINGS], initial=0.0))
     return bool(np.sqrt(np.mean(early**2)) > APART * later and step < SUDDEN * np.ptp(early))
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -194,3 +195,49 @@ def test_repeats_that_begin_with_another_memory_have_neither_jumped_nor_lost_any
     found = diagnose(begun_after(excursions_v))
     assert found.findings == []
     assert not found.unexplained.detected
+
+
+@pytest.fixture
+def stepped():
+    """Steps between levels, in edges of 4 ms, played twice after different excursions."""
+    levels = 70.0 * np.random.default_rng(4).random(40)
+    levels[:5] = 0.0, 70.0, 0.0, 70.0, 0.0
+    volts = np.concatenate([
+        np.concatenate([np.linspace(a, b, 5)[1:], np.full(46, b)])
+        for a, b in pairwise(levels)
+    ])  # fmt: skip
+    volts = np.append(0.0, volts)
+    out = []
+    for number, excursion_v in ((1, 20.0), (2, 45.0)):
+        up = np.linspace(0.0, excursion_v, 200)
+        moved = moved_by(np.concatenate([up, up[::-1], volts]), 0.0)[-volts.size :]
+        out.append(recording(number, volts, moved - moved[0]))
+    return out
+
+
+def test_two_that_seem_to_begin_at_rest_otherwise_than_each_other_both_remember(stepped):
+    before, after = rises(stepped)
+    assert all(before)
+    assert not any(after)
+
+
+def test_edges_of_a_drive_that_finds_other_memories_are_no_jumps(stepped):
+    out = diagnose(stepped)
+    assert out.findings == []
+    assert not out.unexplained.detected
+    assert out.noise_floor_nm == pytest.approx(1e3 * NOISE_UM, rel=0.1)
+
+
+def test_a_difference_of_memories_that_is_a_step_of_the_scale_by_chance_is_no_jump():
+    levels = 70.0 * np.random.default_rng(5).random(40)
+    levels[:4] = 30.0, 55.0, 70.0, 0.0
+    parts = [np.full(40, 30.0)]
+    for a, b in pairwise(levels):
+        parts += [np.linspace(a, b, 5)[1:], np.full(46, b)]
+    volts = np.concatenate(parts)
+    moved = play(volts, LIMITS, 0.0007)
+    step = 0.0791 * np.clip((volts - 30.0) / 25.0, 0.0, 1.0)  # lambda/8, within the first edge
+    step[44:] = 0.0791
+    out = diagnose([recording(1, volts, moved), recording(2, volts, moved + step)])
+    assert out.findings == []
+
