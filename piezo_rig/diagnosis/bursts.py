@@ -49,9 +49,8 @@ def bursts(groups: Groups, model: Model) -> Bursts | None:
 
     Stretches are compared by the logarithm of their power, trends and the loudest samples taken
     off: a spike is no burst. Its scatter is that of the quieter half of the data at hand, whatever
-    the spectrum of their noise. Longer
-    stretches are looked at where shorter ones show nothing. None without repeats, or where nothing
-    stands out.
+    the spectrum of their noise. Longer stretches are looked at where shorter ones show nothing.
+    None without repeats, or where nothing stands out.
     """
     groups = groups.evenly()  # single samples beside corners are noisier than averages
     found = (_of_length(groups, model, long) for long in LENGTHS)

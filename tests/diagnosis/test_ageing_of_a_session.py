@@ -31,6 +31,7 @@ def shuffled(seed=3):
     return tuple(CONDITIONS[k] for k in order)
 
 
+@pytest.mark.study
 @pytest.mark.parametrize("rate", [0.004, -0.002])
 def test_ageing_through_a_session_is_named_and_sized(rate):
     found = diagnose(recordings(aged(rate), conditions=shuffled()))
@@ -55,6 +56,7 @@ def test_nothing_ages_in_an_actuator_that_does_not():
     assert diagnose(recordings(conditions=shuffled())).findings == []
 
 
+@pytest.mark.study
 @pytest.mark.parametrize(("rate", "seed"), [(-0.0015, 0), (0.002, 1)])
 def test_ageing_that_noise_hides_in_every_recording_is_seen_in_all_of_them(rate, seed):
     found = diagnose(recordings(

@@ -39,6 +39,7 @@ def given_back(x, drive, t, over_v, share):
     return out
 
 
+@pytest.mark.study
 @pytest.mark.parametrize(("over_v", "share", "seed"), [
     pytest.param(5.0, 0.04, 0, marks=pytest.mark.study), (8.0, -0.03, 3),
 ])  # fmt: skip

@@ -37,6 +37,7 @@ def bulged(x, drive, t, v0, share, first, power=2.0):
     return out
 
 
+@pytest.mark.study
 @pytest.mark.parametrize(("conditions", "v0", "share", "first"), [
     (RISES, 8.0, 0.03, 0.0), (RISES, 8.0, 0.03, 1.0), (RISES + FALLS, 12.0, -0.02, 0.0),
 ])  # fmt: skip
@@ -50,6 +51,7 @@ def test_an_asymmetry_with_a_tail_is_named_alone(conditions, v0, share, first):
     assert found.rungs[-1].rms_nm < 0.6 * found.rungs[0].rms_nm
 
 
+@pytest.mark.study
 @pytest.mark.parametrize("share", [0.05, -0.05])
 @pytest.mark.parametrize("power", [1.0, 2.0])
 def test_nearly_all_of_a_large_one_is_followed_in_its_size(share, power):

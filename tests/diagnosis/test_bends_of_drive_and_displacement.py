@@ -32,6 +32,7 @@ def of_the_base(found):
     return [r.added for r in found.rungs[1:] if r.finding is None]
 
 
+@pytest.mark.study
 @pytest.mark.parametrize("way", [
     {"effect": of_the_displacement}, {"before": of_the_drive},
 ], ids=["displacement", "drive"])  # fmt: skip

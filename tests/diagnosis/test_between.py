@@ -133,6 +133,7 @@ def recordings(finer, seed=0, noise_um=1e-3):
     return out
 
 
+@pytest.mark.study
 @pytest.mark.parametrize("finer", [FINER, 1])
 def test_a_body_with_nothing_hidden_is_silent_whatever_lies_between_samples(finer):
     out = diagnose(recordings(finer))

@@ -60,6 +60,7 @@ def test_against_a_fixed_model_gain_and_scale_are_told_apart(calibrated, cause):
     assert holds(finding.parameters["ratio"], 1.01)
 
 
+@pytest.mark.study
 @pytest.mark.parametrize("seed", [920, study(922)])  # the first two of actuators without a bend
 def test_a_model_from_a_file_may_be_little_further_off_than_it_says(seed, tmp_path):
     case = draw("drive-gain", seed, "rates", "1/f", form="A")
@@ -73,6 +74,7 @@ def test_a_model_from_a_file_may_be_little_further_off_than_it_says(seed, tmp_pa
     assert finding.parameters["ratio"].value == pytest.approx(1.01, abs=2e-3)
 
 
+@pytest.mark.study
 @pytest.mark.parametrize("seed", [study(921), 924])  # the first two of actuators with a bend
 def test_a_model_from_a_file_says_what_bend_it_could_not_follow(seed, tmp_path):
     case = draw("drive-gain", seed, "rates", "1/f", form="A")
@@ -88,6 +90,7 @@ def test_a_model_from_a_file_says_what_bend_it_could_not_follow(seed, tmp_path):
     assert finding.parameters["ratio"].value == pytest.approx(1.01, abs=2e-3)
 
 
+@pytest.mark.study
 @pytest.mark.parametrize("seed", [936, study(937)])  # the first two with a bend from 930 on
 def test_a_gain_that_leaves_the_offset_right_is_told_from_a_scale_by_the_bend(seed):
     case = draw("drive-gain", seed, "rates", "white", form="B")
@@ -114,6 +117,7 @@ def test_another_session_of_the_same_actuator_is_no_finding(calibrated):
     assert not found.unexplained.detected
 
 
+@pytest.mark.study
 def test_memory_of_the_recording_before_is_remanence():
     case = draw("remanence", 2, "holds", "white", d_prime=60.0, form="A")
     finding = diagnose(case.sweeps[:4]).findings[0]  # the first round

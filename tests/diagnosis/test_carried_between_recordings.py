@@ -104,6 +104,7 @@ def test_a_periodic_error_is_named_although_every_recording_has_its_own_phase():
             assert 1e3 * np.std(left[a:b]) == pytest.approx(2.0 / np.sqrt(2.0), rel=0.15)
 
 
+@pytest.mark.study
 def test_a_sensor_that_ends_is_told_with_its_level_above_where_the_sweep_begins():
     whole = sitting(MATRIX, names=NAMES, noise_um=0.0)
     level = float(whole[4].displacement_um.max()) - 0.05
@@ -116,6 +117,7 @@ def test_a_sensor_that_ends_is_told_with_its_level_above_where_the_sweep_begins(
     assert found.findings[0].parameters["level"].value == pytest.approx(level, abs=5e-3)
 
 
+@pytest.mark.study
 def test_a_slew_limit_shows_on_sinusoids_that_exceed_it_at_their_steepest():
     """Half loops of 12 Hz are 1200 V/s on the mean, and 1885 V/s where they are steepest."""
     def amplifier(drive):

@@ -26,6 +26,7 @@ def at_100_hz(name: str, folder: Path, samples: int | None = None) -> str:
     return str(path)
 
 
+@pytest.mark.study
 def test_from_one_sine_alone_no_lag_is_chosen_and_the_reason_is_said(tmp_path):
     out = tmp_path / "d.json"
     assert main(["diagnose", at_100_hz(SINE, tmp_path, 1000), "--json", str(out)]) == 0
@@ -35,6 +36,7 @@ def test_from_one_sine_alone_no_lag_is_chosen_and_the_reason_is_said(tmp_path):
     assert "several frequencies" in said["not_tried"]["time-skew"]
 
 
+@pytest.mark.study
 def test_with_minor_loops_a_delay_near_15_ms_halves_the_held_out_error(tmp_path):
     loops = at_100_hz(LOOPS, tmp_path, 3500)
     model = tmp_path / "m.json"

@@ -54,6 +54,7 @@ def creeping(share):
     return creep
 
 
+@pytest.mark.study
 def test_what_some_drives_show_is_found_with_all_of_them(monkeypatch):
     monkeypatch.setattr(first_look, "MUCH", 0)
     monkeypatch.setattr(first_look, "MANY", 8)

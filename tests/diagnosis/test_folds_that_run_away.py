@@ -38,6 +38,7 @@ def bent_multisine(seed: int) -> list[Sweep]:
     return sweeps
 
 
+@pytest.mark.study
 @pytest.mark.parametrize("seed", [0, 3])
 def test_a_bend_of_which_data_hardly_know_how_large_it_is_leaves_nothing_to_find(seed: int) -> None:
     found = diagnose(bent_multisine(seed))

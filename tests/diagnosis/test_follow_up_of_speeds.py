@@ -76,6 +76,7 @@ def found(cause, effect, conditions):
     return space, fitted, confusion(space, fitted, cause)
 
 
+@pytest.mark.study
 @pytest.mark.parametrize(("cause", "other", "effect"), [
     (RANGE, RATES, lacks(0.0015)), (RATES, RANGE, lags(0.004)),
 ])

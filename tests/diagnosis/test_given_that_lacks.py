@@ -51,6 +51,7 @@ def test_the_reference_is_far_off_and_says_so(reference):
     assert not lacks_causes(reference.with_(provenance=beside_a_bend), 2.0)
 
 
+@pytest.mark.study
 @pytest.mark.parametrize(
     ("cause", "changed"),
     [("sensor-scale", {"sensor": lambda x, t, rng: x / 1.01}),
@@ -76,6 +77,7 @@ def test_gain_and_scale_are_named_and_told_apart(reference, cause, changed):
         assert 1e3 * np.sqrt(np.mean(np.concatenate(off) ** 2)) < 1.1 * rung.rms_nm
 
 
+@pytest.mark.study
 def test_a_session_with_nothing_new_has_neither(reference):
     found = diagnose(recordings(BEFORE, seed=3, conditions=PLAYED), reference)
     assert not {"drive-gain", "sensor-scale"} & {f.cause for f in found.findings}

@@ -82,6 +82,7 @@ def test_the_window_of_a_rate_law_moves_when_the_lag_beside_it_is_named():
     )
 
 
+@pytest.mark.study
 @pytest.mark.parametrize(
     ("frequency", "damping", "share"), [(330.0, 0.02, 1.0), (220.0, 0.02, 0.6)]
 )
@@ -141,6 +142,7 @@ def test_a_first_rise_of_its_own_among_minor_loops_is_not_told_from_its_own_dens
     assert table.told[row][np.arange(len(table.causes)) != row].all()
 
 
+@pytest.mark.study
 def test_a_slow_mode_that_carries_everything_is_followed_to_where_it_is():
     # its frequency moves by 8 Hz on the way: a tangent that is kept leads to 85 Hz, or nowhere
     def rides(x, drive, t):
@@ -178,6 +180,7 @@ def test_what_predicted_worse_is_looked_at_again():
     assert _gained_nothing(search) == ["thermal-drift"]
 
 
+@pytest.mark.study
 def test_with_a_hum_the_first_ladder_only_goes_up(monkeypatch):
     whole = sys.modules["piezo_rig.diagnosis.diagnose"]
     seen = []

@@ -41,6 +41,7 @@ def sprung(x, drive, t):
     return out
 
 
+@pytest.mark.study
 def test_a_law_that_the_first_rise_does_not_follow_is_named_alone():
     found = diagnose(recordings(sprung, conditions=RISES))
     assert [f.cause for f in found.findings] == ["range-dependence"]

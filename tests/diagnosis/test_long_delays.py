@@ -31,6 +31,7 @@ def lagging(tau):
     return lag
 
 
+@pytest.mark.study
 @pytest.mark.parametrize(
     "delay", [pytest.param(0.001, marks=pytest.mark.study), 0.002]
 )
@@ -42,6 +43,7 @@ def test_a_delay_of_milliseconds_is_a_delay_and_nothing_else(delay):
     assert not found.unexplained.detected
 
 
+@pytest.mark.study
 def test_a_lag_of_milliseconds_is_a_lag_and_nothing_else():
     found = diagnose(recordings(before=lagging(0.002), conditions=SEVERAL_RANGES))
     assert [f.cause for f in found.findings] == ["amplifier-lag"]

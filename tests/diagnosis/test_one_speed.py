@@ -50,6 +50,7 @@ def sweeps(seed: int, tau: float = 0.0, delay: float = 0.0, of=triangle) -> list
     ]  # fmt: skip
 
 
+@pytest.mark.study
 @pytest.mark.parametrize("tau", [4e-4, 8e-4])
 def test_a_lag_is_found(tau):
     found = diagnose(sweeps(1, tau=tau))
@@ -58,6 +59,7 @@ def test_a_lag_is_found(tau):
     assert not found.unexplained.detected
 
 
+@pytest.mark.study
 @pytest.mark.parametrize("delay", [3.4e-4, 2.1e-3])
 def test_a_delay_is_found(delay):
     found = diagnose(sweeps(2, delay=delay))

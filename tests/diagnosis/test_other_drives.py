@@ -34,6 +34,7 @@ def alone(drive, y, rate):
                  "IMPORTED")  # fmt: skip
 
 
+@pytest.mark.study
 def test_a_delay_shows_on_three_sinusoids_and_their_harmonics_are_no_hum():
     rate, delay, rng = 1e4, 3e-4, np.random.default_rng(3)
     piece = np.arange(0.0, 0.25, 1.0 / rate)
@@ -63,6 +64,7 @@ def walk(seed, every=1, history="unknown", noise_um=2e-3, sensor=None, samples=6
     return alone(drive, seen, 1e3).with_(history=history)
 
 
+@pytest.mark.study
 @pytest.mark.parametrize("seed", [0, 1])
 def test_a_random_walk_of_unknown_history_is_modelled_down_to_its_noise(seed):
     # its largest loops are closed in passing by half loops that are far shorter, and in the last
@@ -75,6 +77,7 @@ def test_a_random_walk_of_unknown_history_is_modelled_down_to_its_noise(seed):
     assert found.rungs[0].rms_nm == pytest.approx(2.0, rel=0.1)
 
 
+@pytest.mark.study
 def test_drift_is_found_in_a_random_walk():
     (drift,) = diagnose([walk(30, 10, sensor=lambda x, t: x + 10e-3 * t)]).findings
     assert drift.cause == "thermal-drift"
@@ -140,6 +143,7 @@ def test_where_the_drive_only_grows_nothing_is_held_out_and_nothing_is_extrapola
     assert found.rungs[0].rms_nm == pytest.approx(2.0, rel=0.1)
 
 
+@pytest.mark.study
 def test_creep_is_found_where_the_drive_only_grows():
     def creeps(y):
         return y + sum(2.5e-3 * (relaxation(y, tau) - y) for tau in np.geomspace(0.01, 100.0, 9))

@@ -64,6 +64,7 @@ def test_repeats_half_a_wave_apart_are_turned_to_the_phase_of_the_first():
         assert now == pytest.approx(np.sqrt(2.0), rel=0.15)  # noise alone, 1 nm each
 
 
+@pytest.mark.study
 def test_ripple_and_drift_are_named_where_the_repeats_are_half_a_wave_apart():
     rate = 0.5 * HALF_WAVE_UM / (3 * (1501 / RATE + 8.0))
     found = diagnose(session(rate))

@@ -14,6 +14,7 @@ LIMITS = np.linspace(0.5, 30.0, 40)
 LEVELS = (0.0, 70.0, 5.0, 60.0, 12.0, 66.0, 3.0, 48.0, 20.0, 72.0, 0.0)  # V
 
 
+@pytest.mark.study
 def test_a_lag_behind_equally_fast_ramps_is_named_alone():
     at, volts = [0.0, 0.2], [0.0, 0.0]
     for level in LEVELS[1:]:

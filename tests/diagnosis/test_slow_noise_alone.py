@@ -44,6 +44,7 @@ def alone(added) -> Sweep:
     )  # fmt: skip
 
 
+@pytest.mark.study
 @pytest.mark.parametrize("seed", range(6, 12))
 def test_slow_noise_is_neither_a_drift_nor_unexplained(seed):
     found = diagnose([alone(lambda t: pink(t.size, seed))])
@@ -52,6 +53,7 @@ def test_slow_noise_is_neither_a_drift_nor_unexplained(seed):
     assert found.unexplained.p_value > 0.005
 
 
+@pytest.mark.study
 def test_a_drift_in_white_noise_is_still_found():
     def drift(time):
         return 4e-3 * time + NOISE_UM * np.random.default_rng(5).standard_normal(time.size)

@@ -66,6 +66,7 @@ def test_a_prediction_is_the_sum_of_its_bands(widens):
         assert by_bands - by_bands[0] == pytest.approx(whole - whole[0], abs=1e-9)
 
 
+@pytest.mark.study
 @pytest.mark.parametrize("volts", [pytest.param(0.15, marks=pytest.mark.study), 0.5])
 def test_a_large_one_is_named_alone_down_to_the_noise(volts):
     out = diagnose(session(1, volts))

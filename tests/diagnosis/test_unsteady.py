@@ -18,6 +18,7 @@ from piezo_rig.identification import prepare
 from tests.diagnosis.two_drives import session
 
 
+@pytest.mark.study
 @pytest.mark.parametrize("colour", ["white", "ar"])
 @pytest.mark.parametrize("gain", [
     lambda number, time: 0.004 * (number >= 4), lambda number, time: 0.006 * np.sin(0.9 * time),
@@ -29,6 +30,7 @@ def test_what_follows_the_displacement_is_unexplained(colour, gain):
     assert {"displacement", "clock"} <= set(found.depends_on)
 
 
+@pytest.mark.study
 @pytest.mark.parametrize("colour", ["white", "ar"])
 @pytest.mark.parametrize("seed", [1, 2])
 def test_noise_is_not(colour, seed):

@@ -26,6 +26,7 @@ def recording(gain):
                  "SIMULATED")  # fmt: skip
 
 
+@pytest.mark.study
 @pytest.mark.parametrize(("gain", "ageing"), [
     (lambda t: 1.0 - 0.01 * np.log10(1.0 + HZ * t), True),
     (lambda t: 1.0 + 0.005 * np.tanh((t - 7.3) / 0.4), False),

@@ -23,6 +23,7 @@ def test_the_studys_actuator_is_the_textbooks():
     assert y == pytest.approx(np.array(expected), abs=1e-9)
 
 
+@pytest.mark.study
 @pytest.mark.parametrize("number", [2, 3])
 def test_bands_cover_the_truth(number):
     found = study._actuator_trials((number, 0, 10)) + study._actuator_trials((number, 1, 10))
@@ -30,6 +31,7 @@ def test_bands_cover_the_truth(number):
         assert np.mean([np.mean(f[kind]) for f in found]) > 0.82
 
 
+@pytest.mark.study
 @pytest.mark.parametrize("what", ["classical, chosen, truth has 12", "range, chosen, 12 uneven"])
 def test_bands_cover_a_truth_that_is_off_the_grid(what):
     number = [case.what for case in study.CASES].index(what)

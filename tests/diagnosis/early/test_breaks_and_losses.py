@@ -188,6 +188,7 @@ def walks(seed, kind, losses):
     return out
 
 
+@pytest.mark.study
 @pytest.mark.parametrize("kind", ["white", "ar", "1/f"])
 @pytest.mark.parametrize("losses", [
     [], [(1, 5000, 9)], [(0, 1800, 5)], [(1, 6500, 40)], [(0, 3000, 12), (1, 6000, 7)],
@@ -214,6 +215,7 @@ def test_recordings_that_hardly_differ_have_lost_nothing():
         assert searched(sweeps)[1] == ()
 
 
+@pytest.mark.study
 @pytest.mark.parametrize("seed", [0, 3, 4])
 def test_steps_up_and_down_again_are_not_mended_for_the_worse(seed):
     # a random telegraph of 25 nm: for as long as the velocity lasts a step looks like a loss

@@ -199,6 +199,7 @@ def very_late(drive):
     return late(drive, 3e-4)
 
 
+@pytest.mark.study
 @pytest.mark.parametrize("fixed", [False, True])
 def test_a_delay_that_the_displacement_denies_is_no_finding(plain, fixed):
     baseline = diagnose(plain).model if fixed else "classical"

@@ -84,6 +84,7 @@ def test_a_first_rise_is_no_memory(drive, stiffer):
     assert before == after == [True, True]
 
 
+@pytest.mark.study
 def test_an_initiation_curve_of_unknown_history_is_still_found():
     found = diagnose(ridden(triangle, stiffer=0.1))
     assert [f.cause for f in found.findings] == ["initiation-stage"]
