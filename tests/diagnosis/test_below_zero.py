@@ -26,6 +26,7 @@ def both(drive):
     return np.clip(drive, -50.0, 55.0)
 
 
+@pytest.mark.study
 @pytest.mark.parametrize(("amplifier", "limits"), [
     (above, {"upper": 57.0}), (both, {"lower": -50.0, "upper": 55.0}),
 ])  # fmt: skip

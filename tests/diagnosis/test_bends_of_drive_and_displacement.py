@@ -46,6 +46,7 @@ def test_nothing_is_found_on_a_bent_body(way, kind):
     assert found.rungs[-1].rms_nm < 1.1 * found.noise_floor_nm
 
 
+@pytest.mark.study
 def test_a_creep_behind_a_bent_scale_is_named_alone_and_sized():
     found = diagnose(recordings(
         lambda x, drive, t: crept(of_the_displacement(x, drive, t), t), conditions=CONDITIONS[1:]

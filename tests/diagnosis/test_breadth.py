@@ -139,7 +139,7 @@ def test_remanence_is_refused_where_the_history_is_not_known():
 @pytest.mark.parametrize(("cause", "seed", "protocol", "noise", "parameter"), [
     ("direction-asymmetry", 41, "rates", "white", None),
     study("slew-limit", 41, "holds", "white", None),
-    ("drive-clipping", 41, "rates", "1/f", "upper"),
+    study("drive-clipping", 41, "rates", "1/f", "upper"),
     study("sensor-clipping", 44, "holds", "1/f", "level"),
     ("sensor-clipping", 51, "rates", "1/f", "level"),
     # 12 nm off where all starts are below it, 9.6 nm before the last descent

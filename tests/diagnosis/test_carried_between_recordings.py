@@ -88,6 +88,7 @@ def test_hum_has_the_frequency_that_it_has(hz):
     assert hum.spread_hz < 0.02
 
 
+@pytest.mark.study
 def test_a_periodic_error_is_named_although_every_recording_has_its_own_phase():
     def sensor(x, clock):
         return x + 4e-3 * np.sin(2 * np.pi * (x + 0.05) / HALF_WAVE_UM)

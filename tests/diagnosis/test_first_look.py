@@ -73,6 +73,7 @@ def test_what_some_drives_show_is_found_with_all_of_them(monkeypatch):
     assert not found.unexplained.detected
 
 
+@pytest.mark.study
 def test_what_is_in_any_doubt_is_left_to_all_drives():
     space, plain = begun(recordings(creeping(8e-5)))
     first, rng = refit(space, plain), np.random.default_rng(0)

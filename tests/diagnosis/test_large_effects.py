@@ -229,6 +229,7 @@ def test_a_table_that_leaves_as_much_as_it_takes_stands_in_for_something(
     assert _stands_in(search, "less", unknown_nm) == only_stands_in
 
 
+@pytest.mark.study
 def test_a_last_descent_that_predicts_worse_is_not_taken(monkeypatch):
     def astray(space, fitted):
         stage = fitted.point.model.stage("creep")

@@ -15,6 +15,7 @@ def in_phase(size_um, hz=50.0):
     return sensor
 
 
+@pytest.mark.study
 @pytest.mark.parametrize(("size_nm", "hz"), [(1.5, 50.0), (20.0, 60.0)])
 def test_hum_that_all_repeats_have_alike_is_hum(size_nm, hz):
     found = diagnose(recordings(sensor=in_phase(1e-3 * size_nm, hz), seed=2))

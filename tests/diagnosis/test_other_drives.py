@@ -154,6 +154,7 @@ def test_creep_is_found_where_the_drive_only_grows():
     assert found.rungs[-1].rms_nm == pytest.approx(2.0, rel=0.1)
 
 
+@pytest.mark.study
 @pytest.mark.parametrize(("hz", "seen"), [(23.3, True), (None, False)])
 def test_a_tone_that_stands_alone_is_unexplained_without_repeats(hz, seen):
     def sensor(x, t):

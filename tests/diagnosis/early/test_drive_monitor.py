@@ -211,6 +211,7 @@ def test_a_delay_that_the_displacement_denies_is_no_finding(plain, fixed):
     assert found.rungs[0].rms_nm == pytest.approx(2.0, rel=0.1)  # the noise that was put in
 
 
+@pytest.mark.study
 def test_where_monitor_and_displacement_differ_the_displacement_counts():
     true = 1e-4
     sweeps = recordings(lambda x, drive, t: np.interp(t - true, t, x), conditions=SPEEDS)

@@ -67,6 +67,7 @@ def rises(sweeps: list[Sweep]) -> tuple[list[bool], list[bool]]:
     return [t.virgin for t in data.tracks], [t.virgin for t in left.tracks]
 
 
+@pytest.mark.study
 @pytest.mark.parametrize("excursion_v", [67.0, 68.0])
 def test_a_memory_of_nearly_all_that_follows_is_no_first_rise(excursion_v):
     sweeps = ridden(walk, excursion_v)
@@ -188,6 +189,7 @@ def begun_after(excursions_v: tuple[float, ...]) -> list[Sweep]:
     return out
 
 
+@pytest.mark.study
 @pytest.mark.parametrize("excursions_v", [(72.0, 80.0), (60.0, 80.0), (20.0, 80.0, 80.0)])
 def test_repeats_that_begin_with_another_memory_have_neither_jumped_nor_lost_anything(
     excursions_v,
