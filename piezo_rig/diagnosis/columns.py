@@ -8,7 +8,6 @@ model's other stages, and are made anew when those have changed by more than a l
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from copy import copy
 from dataclasses import dataclass, field, replace
@@ -20,7 +19,6 @@ from numpy.typing import NDArray
 from piezo_rig.causes.cause import NEAR, Cause
 from piezo_rig.chain import Model, Signal, Stage
 from piezo_rig.diagnosis import basis, dictionary, held
-from piezo_rig.diagnosis.abreast import alone
 from piezo_rig.diagnosis.dictionary import Scales
 from piezo_rig.diagnosis.fit import Point
 from piezo_rig.diagnosis.groups import Group, Groups
@@ -34,7 +32,6 @@ LEAST_KEPT, MOST_KEPT = 2, 6  # sets of columns
 OF_DRIVES = 4  # columns of drives of each group: with a first rise and without, twice
 KEPT = 100_000  # thinned samples of all that are kept: a GB
 SAME_KNOTS = 1e-6  # V
-THREADS = 2
 Made = TypeVar("Made")
 Numbers = tuple[tuple[float, ...], tuple[float, ...], float]
 
@@ -242,7 +239,7 @@ class Columns:
         return found
 
     def _forget_oldest(self) -> None:
-        """Make room for a set of every group, before threads ask for it."""
+        """Make room for a set of every group, before it is asked for."""
         while len(self._of_given) > max(self.most_kept, OF_DRIVES) * len(self.groups.groups):
             self._of_given.pop(next(iter(self._of_given)))
 
@@ -288,11 +285,8 @@ class Columns:
         return self.whiten(cut, at), self.pieces[at].cells.centred(cut).astype(np.float32)
 
     def each_group(self, make: Callable[[int], list[Made]]) -> list[Made]:
-        """What ``make`` makes of every group, by two threads: some of it is outside the lock."""
-        if not alone():
-            return [row for index in range(len(self.groups.groups)) for row in make(index)]
-        with ThreadPoolExecutor(THREADS) as pool:
-            return [row for rows in pool.map(make, range(len(self.groups.groups))) for row in rows]
+        """What ``make`` makes of every group."""
+        return [row for index in range(len(self.groups.groups)) for row in make(index)]
 
     def _tables(self, stages: Sequence[Stage]) -> Key:
         """A number for the break points of every table; the same for those that rounding moved."""

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -11,11 +10,9 @@ from numpy.typing import NDArray
 
 from piezo_rig.chain import Memo, Model
 from piezo_rig.chain.drives import Drives
-from piezo_rig.diagnosis.abreast import alone
 from piezo_rig.diagnosis.groups import Groups, Short
 
 FloatArray = NDArray[np.float64]
-THREADS, FEW = 2, 4  # plays that are not worth a second thread
 
 
 @dataclass(eq=False)
@@ -81,20 +78,7 @@ class Together:
         """What each of these models, asked for once, does beyond a prediction; the data's (k, m).
         """
         out = np.empty((len(models), int(self.thinned[-1])))
-
-        def played(k: int) -> None:
-            out[k] = (self.predicted_once(models[k]) - base)[self.inside]
-
-        in_two(len(models), played)
+        for row, model in zip(out, models, strict=True):
+            row[:] = (self.predicted_once(model) - base)[self.inside]
         return out
 
-
-def in_two(count: int, step: Callable[[int], None]) -> None:
-    """Steps 0, 1, .. by two threads where the other processor has nothing to do."""
-    if count < FEW or not alone():
-        for k in range(count):
-            step(k)
-        return
-    with ThreadPoolExecutor(THREADS) as pool:
-        for _ in pool.map(step, range(count)):
-            pass
