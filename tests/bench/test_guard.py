@@ -82,7 +82,10 @@ def guard_of(player: Player) -> int:
     return int(child)
 
 
-@pytest.mark.parametrize("state", STATES)
+@pytest.mark.parametrize("state", [
+    state if state in ("going to rest", "starting", "playing", "fetching", "storing")
+    else pytest.param(state, marks=pytest.mark.study) for state in STATES
+])  # fmt: skip
 def test_a_run_that_is_killed_rests_and_keeps_what_was_stored(bench, protocol, tmp_path, state):
     nth = 1 if state in ("going to rest", "preparing", "closing") else 3
     outcome = kill_once(bench, protocol, tmp_path, Aim(state, nth, 0.05, 30.0))

@@ -50,7 +50,7 @@ def calibrated():
     return diagnose(case.before(1)).model, {k: c.again(2) for k, c in later.items()}
 
 
-@pytest.mark.parametrize("cause", ["drive-gain", "sensor-scale"])
+@pytest.mark.parametrize("cause", [study("drive-gain"), "sensor-scale"])
 def test_against_a_fixed_model_gain_and_scale_are_told_apart(calibrated, cause):
     model, sessions = calibrated
     (finding,) = diagnose(sessions[cause], model).findings
@@ -141,7 +141,7 @@ def test_remanence_is_refused_where_the_history_is_not_known():
     study("slew-limit", 41, "holds", "white", None),
     study("drive-clipping", 41, "rates", "1/f", "upper"),
     study("sensor-clipping", 44, "holds", "1/f", "level"),
-    ("sensor-clipping", 51, "rates", "1/f", "level"),
+    study("sensor-clipping", 51, "rates", "1/f", "level"),
     # 12 nm off where all starts are below it, 9.6 nm before the last descent
     study("sensor-clipping", 52, "holds", "1/f", "level"),
     study("sensor-clipping", 52, "matrix", "white", "level"),

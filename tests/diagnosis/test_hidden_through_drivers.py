@@ -109,12 +109,14 @@ def test_a_sensor_that_lags(diagnosed, seed):
         assert holds(finding["parameters"][size[finding["cause"]]], 5e-4)
 
 
+@pytest.mark.study
 def test_drift(diagnosed):
     finding = first(diagnosed({"thermal_drift": "rate = 10.0"}), "thermal-drift")
     assert finding["cause"] == "thermal-drift"
     assert holds(finding["parameters"]["rate"], 10.0)
 
 
+@pytest.mark.study
 def test_hum(diagnosed):
     # 25 periods a cycle, and 1575.03 from sweep to sweep: the
     # hum is nearly the same in all sweeps, at a harmonic of the drive

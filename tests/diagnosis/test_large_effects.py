@@ -106,6 +106,7 @@ def test_a_mode_that_carries_the_actuator_is_named_alone(frequency, damping, sha
     assert said["share"].value == pytest.approx(share, rel=0.01)
 
 
+@pytest.mark.study
 def test_a_slew_limit_just_above_the_speed_of_another_half_loop_is_named_alone():
     # 35 V at 12 Hz are 840 V/s and go through it whole, 70 V at 12 Hz are 1680 V/s and do not
     limit, fine = 900.0, 16

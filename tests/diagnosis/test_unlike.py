@@ -40,6 +40,7 @@ def asked():
     return space, fitted, noise_um
 
 
+@pytest.mark.study
 def test_a_gain_is_no_longer_told_from_a_scale_where_the_model_is_wrong_by_what_they_differ(asked):
     space, fitted, noise_um = asked
     play, effect, moved = actuator(), [], []
