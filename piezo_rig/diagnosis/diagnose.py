@@ -42,6 +42,7 @@ from piezo_rig.diagnosis.early import (
     hum_behind,
     read_monitor,
 )
+from piezo_rig.diagnosis.early.recounted import square_of
 from piezo_rig.diagnosis.early.remembered import without_remembered
 from piezo_rig.diagnosis.engine import plainly
 from piezo_rig.diagnosis.fit import Point, starting_model
@@ -140,10 +141,12 @@ def _diagnosed(
     tried = len(TRIED)
     count = sum(1 for k in CAUSES.values() if issubclass(k, Cause))
 
-    def cleaned(beside: Point | None = None) -> tuple[list[Early], Point]:
+    def cleaned(
+        beside: Point | None = None, behind: float | None = None
+    ) -> tuple[list[Early], Point]:
         return clean_up(
             raw, sweeps, beside or start.point,
-            lambda groups, p: plainly(groups, p).point, SHARE * LEVEL, count,
+            lambda groups, p: plainly(groups, p).point, SHARE * LEVEL, count, behind,
         )  # fmt: skip
 
     def heard() -> Reading | None:
@@ -178,13 +181,14 @@ def _diagnosed(
         return turned_between(search.turned)
     known = credited(found_early)
     while any(s.cause == ClockRatio.id for s in search.ladder.steps) and (
-        any(g.repeats < 2 for g in clean.groups)
+        alone := {k for k, g in enumerate(clean.groups) if g.repeats < 2}
     ):
         tell("lost samples behind what looks like a clock")
         base = search.ladder.last.point
+        left = square_of(clean, base, alone)
         for step in search.ladder.steps:
             base = base.without(step.cause)
-        behind, base = cleaned(base)
+        behind, base = cleaned(base, left)
         if credited(behind) <= known:
             break
         known, found_early = credited(behind), behind

@@ -17,6 +17,7 @@ from piezo_rig.diagnosis.chances import AS_HELD
 from piezo_rig.diagnosis.early.breaks import Breaks, find_breaks
 from piezo_rig.diagnosis.early.hum import Hum, find_hum, hum_of_residual, means_of, removed
 from piezo_rig.diagnosis.early.mended import DROP, JUMP, Break, mended
+from piezo_rig.diagnosis.early.recounted import outright, recounted, square_of
 from piezo_rig.diagnosis.early.reported import events_of, reported
 from piezo_rig.diagnosis.early.spikes import find_spikes
 from piezo_rig.diagnosis.events import Event
@@ -62,25 +63,16 @@ def _believed(
         return Breaks(tuple(breaks))
     whole = mended(groups, [g.predicted(point.model) for g in groups.groups], alone)
     members = {b.group for b in alone}
-    after = _square(whole, refitted(whole, point), members)
-    if after < BETTER * _square(groups, point, members):
+    after = square_of(whole, refitted(whole, point), members)
+    if after < BETTER * square_of(groups, point, members):
         return Breaks(tuple(breaks))
     return Breaks(tuple(b for b in breaks if b not in alone))
-
-
-def _square(groups: Groups, point: Point, members: set[int]) -> float:
-    total = 0.0
-    for g in (groups.groups[k] for k in members):
-        left = g.measured_um - g.predicted(point.model)
-        for a, b in g.blocks:
-            cut = left[:, a:b]
-            total += float(np.sum((cut - cut.mean(axis=1, keepdims=True)) ** 2))
-    return total
 
 
 def clean_up(
     raw: Groups, sweeps: Sequence[Sweep], point: Point,
     refitted: Callable[[Groups, Point], Point], level: float, count: int,
+    behind: float | None = None,
 ) -> tuple[list[Early], Point]:  # fmt: skip
     """Everything found, in order, and the baseline refitted to what is left.
 
@@ -90,6 +82,7 @@ def clean_up(
     refitted : the baseline fitted to other recordings, from a point near by
     level : family-wise chance of a false alarm
     count : causes that are tried in all, for the correction
+    behind : squared error of other causes that may stand for losses, um^2: see `outright`
     """
     clean, found = raw, list[Early]()
     spikes = find_spikes(raw, point.model)
@@ -105,7 +98,10 @@ def clean_up(
     breaks = Breaks(())
     if levels(clean) is None:  # whose steps would be taken for lost samples
         breaks = find_breaks(clean, point.model, sweeps, level / count, line)
-        breaks = _believed(clean, point, breaks.breaks, refitted)
+        known = recounted(clean, point, breaks.breaks, refitted)
+        if not known and behind is not None:
+            known = outright(clean, point, sweeps, refitted, behind)
+        breaks = _believed(clean, point, known, refitted)
     if breaks.breaks:
         before = clean
         predicted = [g.predicted(point.model) for g in clean.groups]
