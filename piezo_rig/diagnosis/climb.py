@@ -268,7 +268,7 @@ class Search:
                 continue
             if fitted.evidence - here.evidence > LARGE:
                 fitted = converged(self.space, fitted)
-            doubtful = family[i] > DOUBTFUL or self.may_go_on(id)
+            doubtful = (family[i] > DOUBTFUL and not of_base(id)) or self.may_go_on(id)
             against = worse(self, fitted, here, doubtful) or of_a_law(self, fitted, id)
             against = against or of_a_corner(self, fitted, here, id)
             if against is None and doubtful and not self.helps(here, fitted):
@@ -416,6 +416,10 @@ class Search:
     def accept(self, step: Step) -> None:
         """Add a rung; what was refused because the model was far off may be tried again."""
         self.steps.append(step)
+        if step.fitted.point.model.stage(BEND) is None and any(s.cause == BEND for s in self.steps):
+            # another kind has taken its place
+            self.steps = [s for s in self.steps if s.cause != BEND]
+            self.rearranged = True
         self.spoiled = {}
         left = self.error(0, step.fitted)
         self.barred = {

@@ -8,7 +8,7 @@ from piezo_rig.causes import CAUSES
 from piezo_rig.causes.cause import Cause
 from piezo_rig.diagnosis.chances import chi2_at
 from piezo_rig.diagnosis.fit import Point
-from piezo_rig.diagnosis.refit import Fitted, changed_um, playable
+from piezo_rig.diagnosis.refit import Fitted, changed_um, playable, square_of
 from piezo_rig.diagnosis.scan import context_of, of_base
 from piezo_rig.diagnosis.space import Space
 
@@ -16,16 +16,20 @@ CHANCE = 0.3  # log-likelihood that every element of a table gains
 SEEN = 2.0  # d' in white noise, with nothing else to explain it, below which nothing is seen
 OWN = 0.1  # of what a given model was off by itself, noise and all: no more is no news
 PLAIN = 50.0  # log-likelihood that a bend is worth, however uncertain its size
+MUCH = 1.1  # squared error, of that with the bend
 DIFFERENT = 1e-4  # a member must differ from nothing at this level
 
 
 def plain_bend(id: str, fitted: Fitted, less: Fitted) -> bool:
-    """Whether it is a bend without which plainly less is said.
+    """Whether it is a bend without which plainly less is said, or plainly more is left.
 
     Bends of several kinds do much the same: what one adds may be plain, though not how much of
-    each there is.
+    each there is. What all of them do is projected off before evidence is looked at.
     """
-    return of_base(id) and fitted.evidence > less.evidence + PLAIN
+    if not of_base(id):
+        return False
+    plain = fitted.evidence > less.evidence + PLAIN
+    return plain or square_of(less.linear) > MUCH * square_of(fitted.linear)
 
 
 def worth_needed(fitted: Fitted, id: str) -> float:

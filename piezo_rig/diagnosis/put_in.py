@@ -8,6 +8,7 @@ from functools import partial
 import numpy as np
 
 from piezo_rig.causes.cause import Cause
+from piezo_rig.chain.bend import Bend
 from piezo_rig.diagnosis.abreast import abreast
 from piezo_rig.diagnosis.fit import Point
 from piezo_rig.diagnosis.forms import (
@@ -18,15 +19,16 @@ from piezo_rig.diagnosis.forms import (
     in_another_form,
     looked_at,
 )
-from piezo_rig.diagnosis.needed import does_nothing, needless, plain_bend
+from piezo_rig.diagnosis.needed import does_nothing, needless
 from piezo_rig.diagnosis.refit import Fitted, refit, refit_either_way, settle, square_of
-from piezo_rig.diagnosis.scan import Found, extended
+from piezo_rig.diagnosis.scan import Found, extended, of_base
 from piezo_rig.diagnosis.space import Space
 from piezo_rig.errors import InputError
 
 LARGE = 300.0  # log-likelihood above which the linear start is not trusted
 LOOKED_AT = 2  # starts of an effect that goes by speed, from which plain least squares is tried
 FAR_LESS = 0.5  # squared error, of that of the likeliest refit
+LONG, NO_LESS, AS_NEAR = 12, 3.0, 1.1  # steps; log-likelihood; squared error, of that with both
 LOST = 0.3  # of what a linear look at a cause promised; a refit that keeps less went too far
 
 
@@ -68,6 +70,16 @@ def _plainly(space: Space, point: Point) -> Fitted | None:
         return None
 
 
+def instead_of_bend(space: Space, fitted: Fitted) -> Fitted:
+    """A bend of another kind in place of the drive's, where both together say no more."""
+    if fitted.point.model.stage(Bend.id) is None or fitted.point.fixed:
+        return fitted
+    less = refit(space, fitted.point.without(Bend.id), LONG, held=True)
+    if less.evidence < fitted.evidence - NO_LESS:
+        return fitted
+    return less if square_of(less.linear) < AS_NEAR * square_of(fitted.linear) else fitted
+
+
 def refitted(space: Space, here: Fitted, found: Found, i: int) -> Fitted | None:
     """The model with a cause put in; None where that comes to nothing."""
     candidate = found.candidates[i]
@@ -85,11 +97,13 @@ def refitted(space: Space, here: Fitted, found: Found, i: int) -> Fitted | None:
         fitted = in_another_form(space, fitted, candidate.id)
         if promised > LARGE:
             fitted = by_least_squares(space, point, fitted, candidate.id)
+        if of_base(candidate.id):
+            fitted = instead_of_bend(space, fitted)
     except (InputError, np.linalg.LinAlgError):
         fitted = None  # at the size that the data ask for it cannot even be played
     if fitted is None or does_nothing(space, fitted.point, candidate.id):
         return None
-    plain = plain_bend(candidate.id, fitted, here)
+    plain = of_base(candidate.id)  # how much of one there is may be open where one is plain
     if not plain and needless(fitted, [candidate.id]) is not None:
         return None
     return fitted

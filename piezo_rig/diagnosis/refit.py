@@ -31,9 +31,12 @@ SETTLED = 0.05  # standard errors
 ANEW = 0.1  # examples by which a parameter has moved when the tangent is taken anew
 AGAIN = 0.05  # of the squared error, by which it changes while the tangent is taken anew later
 ASTRAY = 3.0  # squared error after a step, of that before, that is not followed
+STILL = 0.005  # of the squared error, by which a settled one changes at most beside such a bend
+GROWN = 1.01  # the same beside a bend that is fitted by least squares
 OTHER = 0.05  # of the mean compliance, by which one of them has moved then
 BEND = 0.05  # plausible second difference of compliances, of their mean
 UNKNOWN = 1e6  # variance of what no data know, in squared examples
+PLAUSIBLE = 25.0  # examples that there may be of a bend
 TOGETHER = 3.0  # samples that count as one, for the weight of that
 
 
@@ -141,7 +144,42 @@ def parameter_step(
     free = np.array([not (held and _optional(point, id, n)) for id, n in point.names])
     bounds = np.array([_limits(point, id, n) for id, n in point.names]) - values[:, None]
     step = size * _bounded(scaled, size * right, free, bounds / np.abs(size)[:, None])
+    of_base = [j for j, (id, _) in enumerate(point.names) if _of_base(point, id)]
+    if of_base:
+        plain = _with_base(point, linear, pieces, step, of_base)
+        step[of_base] = np.clip(plain, *bounds[of_base].T)
     return step, covariance
+
+
+def _with_base(
+    point: Point, linear: Linear, pieces: Sequence[int] | None, step: FloatArray, of_base: list[int]
+) -> FloatArray:
+    """Step of the numbers that belong to the base: by what the compliances are fitted by.
+
+    Where powers of the drive are projected off hardly anything is left to know them by.
+    """
+    n, weight = point.linear, smooth_weight(point, linear, pieces)
+    mine = [*range(n), *(n + j for j in of_base)]
+    others = [j for j in range(step.size) if j not in of_base]
+    raw = linear.raw(pieces)
+    rows = smoothness(point)[:, :n]
+    gram, right = raw[np.ix_(mine, mine)], raw[mine, -1]
+    right = right - raw[np.ix_(mine, [n + j for j in others])] @ step[others]
+    gram[:n, :n] += weight * rows.T @ rows
+    right[:n] -= weight * rows.T @ (rows @ point.values()[:n])
+    count = linear.count.sum() if pieces is None else linear.count[list(pieces)].sum()
+    left = TOGETHER * raw[-1, -1] / max(count, 1.0)
+    for k, j in enumerate(of_base, n):  # what a table does as well is left to it
+        own = left / (PLAUSIBLE * point.sizes[j][2]) ** 2
+        gram[k, k] += own
+        right[k] -= own * point.values()[n + j]
+    gram += 1e-12 * np.diag(np.diag(gram)) + 1e-300 * np.eye(len(mine))
+    return np.asarray(np.linalg.solve(gram, right)[n:])
+
+
+def _of_base(point: Point, id: str) -> bool:
+    stage = point.model.stage(id)
+    return isinstance(stage, Cause) and stage.of_base
 
 
 def _bounded(
@@ -212,6 +250,7 @@ def refit(
     linear = space.about(point, near, anew) if near else space.linear(point)
     scales, covariance = (0.0, 0.0), np.zeros((0, 0))
     begun, q = point, len(point.sizes)
+    of_base = any(_of_base(point, id) for id, _ in point.names)
     for step in range(steps):
         if point.values().size == 0:
             break
@@ -227,7 +266,9 @@ def refit(
         before = square_of(linear)
         point, change, linear = _moved(space, point, linear, change)
         settled = bool(q == 0 or np.all(np.abs(change) <= SETTLED * np.sqrt(np.diag(covariance))))
-        moving = step > 1 and abs(square_of(linear) - before) > AGAIN * before
+        off = abs(square_of(linear) - before)
+        moving = step > 1 and off > AGAIN * before
+        settled &= not of_base or off < STILL * before
         if q != 0 and (moving or (step == 1 and _far(point, begun))):
             settle(space, point)
             linear = space.linear(point)
@@ -329,6 +370,7 @@ def _moved(
     level, or about a mode that rings, is not so for long.
     """
     n = point.linear
+    most = GROWN if any(_of_base(point, id) for id, _ in point.names) else ASTRAY
     for _ in range(HALVED):
         values = point.values()
         values[n:] += change
@@ -336,7 +378,7 @@ def _moved(
         there = point.moved(values)
         if playable(space, there.model, whole=True):
             left = space.with_residual(linear, there)
-            if not change.size or square_of(left) < ASTRAY * square_of(linear):
+            if not change.size or square_of(left) < most * square_of(linear):
                 return there, change, left
         change = 0.5 * change
     return point, np.zeros_like(change), linear
