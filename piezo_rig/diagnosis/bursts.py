@@ -1,7 +1,7 @@
-"""Stretches in which repeats disagree far more than elsewhere: knocks, a loose lead, a pump.
+"""Stretches that are far noisier than others: knocks, a loose lead, a pump, a mount that slips.
 
-What repeats disagree by is taken for noise, and noise for steady. A knock that comes once raises
-the noise of everything and shows nowhere else.
+What repeats disagree by is taken for noise, and noise for steady; without repeats most of what the
+model leaves is. A knock that comes once raises the noise of everything and shows nowhere else.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from piezo_rig.chain import Model
 from piezo_rig.diagnosis.groups import Group, Groups
 
 FloatArray = NDArray[np.float64]
-LENGTHS = (32, 128, 512)  # thinned samples of a stretch: what rings slowly is slow in a short one
+LENGTHS = (32, 16, 128, 512)  # thinned samples of a stretch: slow ringing is slow in a short one
 SPIKED = 16  # samples of a stretch, of which one may be loud: a spike, and the cell it spreads to
 BELOW = 1.2816  # standard deviations from the median to the tenth percentile
 FEW = 20  # stretches that say nothing of how much they scatter
@@ -40,17 +40,18 @@ class Bursts:
         places = ", ".join(f"{seconds:.3g} s into {name}" for name, seconds in self.at)
         return (
             f"the noise is not steady: up to {self.times:.2g} times as much as elsewhere, "
-            f"{self.rms_nm:.2g} nm rms of all that repeats disagree by, as {places}"
+            f"{self.rms_nm:.2g} nm rms of all that is taken for noise, as {places}"
         )
 
 
 def bursts(groups: Groups, model: Model) -> Bursts | None:
-    """What stands out of the deviations of recordings from the mean of their repeats.
+    """What stands out of the deviations of recordings from the mean of their repeats, or of those
+    that have none from the model.
 
     Stretches are compared by the logarithm of their power, trends and the loudest samples taken
     off: a spike is no burst. Its scatter is that of the quieter half of the data at hand, whatever
     the spectrum of their noise. Longer stretches are looked at where shorter ones show nothing.
-    None without repeats, or where nothing stands out.
+    None where nothing stands out.
     """
     groups = groups.evenly()  # single samples beside corners are noisier than averages
     found = (_of_length(groups, model, long) for long in LENGTHS)
@@ -60,8 +61,6 @@ def bursts(groups: Groups, model: Model) -> Bursts | None:
 def _of_length(groups: Groups, model: Model, long: int) -> Bursts | None:
     powers, places = list[tuple[float, float]](), list[tuple[str, float]]()
     for group in groups.groups:
-        if group.repeats < 2:
-            continue
         made, seconds = _stretches(groups, group, model, long)
         powers += made
         places += [(group.condition, s) for s in seconds]
@@ -84,15 +83,22 @@ def _of_length(groups: Groups, model: Model, long: int) -> Bursts | None:
     )  # fmt: skip
 
 
+def _own(group: Group, model: Model) -> FloatArray:
+    """What recordings have of their own, of the noise's size: beside their mean, or the model."""
+    if group.repeats < 2:
+        return np.asarray(group.measured_um - group.predicted(model))
+    left = group.at_one_time(model).measured_um
+    share = (group.repeats - 1.0) / group.repeats
+    return np.asarray((left - left.mean(axis=0)) / np.sqrt(share))
+
+
 def _stretches(
     groups: Groups, group: Group, model: Model, long: int
 ) -> tuple[list[tuple[float, float]], list[float]]:
     """Variance of every stretch of a group, um^2, without its loudest samples and with them; when
     each begins.
     """
-    left = group.at_one_time(model).measured_um
-    left = groups.thinned(group, left - left.mean(axis=0))
-    left = left * np.sqrt(group.repeats / (group.repeats - 1.0))
+    left = groups.thinned(group, _own(group, model))
     time = groups.thinned(group, group.time_s)
     level = np.stack([np.ones(long), np.linspace(-1.0, 1.0, long)])
     level /= np.linalg.norm(level, axis=1, keepdims=True)

@@ -163,8 +163,12 @@ def with_wandering(rest: Unexplained, share: float, rms_nm: float) -> Unexplaine
 
 
 def with_bursts(rest: Unexplained, bursts: Bursts | None, floor_nm: float | None) -> Unexplained:
-    """The verdict with noise that is not steady."""
-    if bursts is None or bursts.rms_nm < SEEN * (floor_nm or 0.0):
+    """The verdict with noise that is not steady.
+
+    Without repeats it is looked for in what the model leaves, and more than the model may leave.
+    """
+    least = SEEN * floor_nm if floor_nm else rest.allowance_nm
+    if bursts is None or bursts.rms_nm < least:
         return rest
     return _besides(rest, rest.p_value, bursts.rms_nm, ("clock",), bursts.text)
 
