@@ -14,7 +14,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from piezo_rig.diagnosis.early.mended import DROP, Break, mended
+from piezo_rig.diagnosis.early.mended import DROP, Break, lead, mended
 from piezo_rig.diagnosis.early.traces import sweep_bounds
 from piezo_rig.diagnosis.fit import Point
 from piezo_rig.diagnosis.groups import Groups
@@ -35,8 +35,9 @@ def recounted(
 ) -> list[Break]:  # fmt: skip
     """Breaks with the losses that a refitted base asks for, where that is plainly others."""
     here = list(breaks)
-    members = {b.group for b in here if b.cause == DROP and groups.groups[b.group].repeats < 2}
-    if not members:
+    losses = [b for b in here if b.cause == DROP and groups.groups[b.group].repeats < 2]
+    members = {b.group for b in losses}
+    if not 0 < len(losses) <= MANY:
         return here
 
     def left(tried: Sequence[Break]) -> float:
@@ -90,13 +91,14 @@ def _one_more(
         new = _plainest(whole, point, sweeps, members, counts)
         if new is None:
             return None, (whole, point)
-        same = tried is not None and (new.index, new.count) == (tried[-1].index, tried[-1].count)
-        lead = sum(b.count for b in known if b.group == new.group and b.index < new.index)
-        moved = replace(new, **{n: getattr(new, n) - lead for n in ("index", "low", "high")})
-        if tried is None:  # the base is late before it and early after it
-            tried = recounted(groups, point, [*known, moved], refitted)
-        else:
-            tried = [*known, moved]
+        index = new.index - lead(known, new.group, 0, new.index)
+        new = replace(new, index=index, low=index, high=index)
+        same = tried is not None and (index, new.count) == (tried[-1].index, tried[-1].count)
+        first, tried = tried is None, [*known, new]
+        if first:  # the base is late before it and early after it
+            tried = recounted(groups, point, tried, refitted)
+        if not tried:
+            return None, (whole, point)
         mine = mended(groups, [g.predicted(point.model) for g in groups.groups], tried)
         point = refitted(mine, point)
         if same:
