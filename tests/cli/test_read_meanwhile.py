@@ -47,6 +47,7 @@ def test_what_is_printed_is_the_same_on_one_processor_and_on_two(recording):
     assert one[:2] == two[:2]
 
 
+@pytest.mark.study
 def test_so_is_what_is_wrong_with_the_data(tmp_path, recording):
     broken = tmp_path / "broken.csv"
     broken.write_text("time_s,drive_v\n0,1\n", encoding="utf-8")

@@ -25,6 +25,7 @@ def holds(parameter, true):
     return abs(true - 0.5 * (low + high)) < 1.5 * 0.5 * (high - low)
 
 
+@pytest.mark.study
 def test_travel_that_grows_with_the_cycles_played_is_ageing():
     case = draw("cycle-aging", 1, "rates", "white", d_prime=60.0, form="A")
     found = diagnose(case.sweeps)
@@ -137,7 +138,7 @@ def test_remanence_is_refused_where_the_history_is_not_known():
 # a law whose reach the data leave open, a limit just below the fastest ramp (one interval of six,
 # this seed's, missed by far: its size is not looked at), levels just below the top
 @pytest.mark.parametrize(("cause", "seed", "protocol", "noise", "parameter"), [
-    ("direction-asymmetry", 41, "rates", "white", None),
+    study("direction-asymmetry", 41, "rates", "white", None),
     study("slew-limit", 41, "holds", "white", None),
     study("drive-clipping", 41, "rates", "1/f", "upper"),
     study("sensor-clipping", 44, "holds", "1/f", "level"),

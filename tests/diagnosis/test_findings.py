@@ -45,6 +45,7 @@ def creep(rate):
     )
 
 
+@pytest.mark.study
 def test_creep_is_found_sized_and_worth_its_gain():
     found = diagnose(recordings(creep(0.01)))
     assert names(found) == ["creep"]

@@ -98,6 +98,7 @@ def test_creep(diagnosed):
     assert holds(finding["parameters"]["rate_per_decade"], 0.01)
 
 
+@pytest.mark.study
 @pytest.mark.parametrize("seed", [1])
 def test_a_sensor_that_lags(diagnosed, seed):
     finding = first(diagnosed({"time_skew": "delay = 5e-4"}, seed), "time-skew")
@@ -128,6 +129,7 @@ def test_hum(diagnosed):
     assert holds(finding["parameters"]["amplitude"], 4.0)
 
 
+@pytest.mark.study
 def test_the_interferometers_ripple(diagnosed):
     found = diagnosed({"periodic_nonlinearity": "amplitude = 3.0"})
     finding = first(found, "periodic-nonlinearity")
@@ -143,6 +145,7 @@ def test_spikes(diagnosed):
     assert holds(finding["parameters"]["per_second"], 2.0)
 
 
+@pytest.mark.study
 def test_a_first_rise_of_its_own(diagnosed):
     finding = first(diagnosed({"initiation_stage": "size = -0.3"}), "initiation-stage")
     assert finding["gain_percent"] > 0

@@ -60,6 +60,7 @@ def test_no_table_of_its_own_for_the_first_rise_makes_up_for_what_a_large_effect
     assert not found.unexplained.detected
 
 
+@pytest.mark.study
 def test_the_window_of_a_rate_law_moves_when_the_lag_beside_it_is_named():
     case = draw("pair", 1481, "holds", "white", 300.0, 2)
     space, plain = begun(case.sweeps)

@@ -232,6 +232,7 @@ def test_steps_up_and_down_again_are_not_mended_for_the_worse(seed):
     assert differing(list(breaks)) <= differing([b for b in breaks if b.cause == "fringe-jump"])
 
 
+@pytest.mark.study
 def test_a_jump_after_another_one_is_no_loss_of_many_samples():
     # 18 samples' way is 79 nm there, until the drive turns
     sweeps = draw("fringe-jump", 1510, "rates", "white", 40.0, 2).sweeps
