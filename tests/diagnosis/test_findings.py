@@ -93,6 +93,7 @@ def test_drift_is_found_with_its_rate():
     assert holds(found.findings[0].parameters["rate"], 20.0)
 
 
+@pytest.mark.study
 def test_a_drift_that_settles_is_found_with_its_rate_at_the_beginning_of_the_session():
     def warming(x, t, rng):  # the session begins at 10 s and lasts four time constants
         return x + 30e-3 * 60.0 * (1.0 - np.exp(-(t - 10.0) / 60.0))
