@@ -63,7 +63,7 @@ study-diagnosis: $(READY)  ## hidden effects, pairs, triples, nulls and stranger
 	$(HIDDEN) run $(PLAYED) --kinds stranger --seeds 1000:1010 --noises white --d-prime 60 --out $(ROWS)/strangers.jsonl
 	$(HIDDEN) document $(addprefix $(ROWS)/,nulls.jsonl effects.jsonl fixed.jsonl pairs.jsonl triples.jsonl strangers.jsonl) --out docs/diagnosis.md
 
-study-recordings: $(READY)  ## real recordings in full, and tests too slow for every time; 12 minutes
+study-recordings: $(READY)  ## real recordings in full, and tests too slow for every time; about 20 minutes
 	$(BIN)/python -m pytest -m study
 
 study-causes: $(READY)  ## which cause is taken for which under which protocol, docs/causes.md

@@ -137,6 +137,7 @@ def test_a_baseline_off_by_one_step_of_the_switch_is_refused():
         diagnose(wrong, model)
 
 
+@pytest.mark.study
 def test_the_same_data_give_the_same_answer_in_the_contracts_form():
     sweeps = recordings(creep(0.01), conditions=(("0-30", 0, 30.0), ("0-75", 0, 75.0)))
     found = diagnose(sweeps)

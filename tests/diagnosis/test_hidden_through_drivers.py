@@ -138,6 +138,7 @@ def test_the_interferometers_ripple(diagnosed):
     assert holds(finding["parameters"]["amplitude"], 3.0)
 
 
+@pytest.mark.study
 def test_spikes(diagnosed):
     finding = first(diagnosed({"outliers": "per_second = 2.0\nheight = 300.0"}), "outliers")
     assert finding["cause"] == "outliers"
@@ -152,6 +153,7 @@ def test_a_first_rise_of_its_own(diagnosed):
     assert finding["gain_ci95"][0] > 0
 
 
+@pytest.mark.study
 def test_a_stranger_is_called_unexplained(diagnosed):
     found = diagnosed({"strangers.stiction_bump": "size = 0.03"})
     assert found["unexplained"]["detected"]
