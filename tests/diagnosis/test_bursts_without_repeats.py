@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from piezo_rig.diagnosis import diagnose
-from piezo_rig.run_file.sweep import Sweep
-from tests.diagnosis.sliders import play
+from tests.diagnosis.sliders import play, recorded
 
 RATE = 2000.0
 
@@ -24,9 +23,7 @@ def recording(change, seed, colour="white"):
         for k in range(1, noise.size):
             noise[k] = 0.9 * noise[k - 1] + np.sqrt(1.0 - 0.81) * noise[k]
     seen = change(moved, np.arange(drive.size) / RATE, rng) + 2.5e-3 * noise
-    return Sweep(
-        "sweep_0001", drive, seen, RATE, 1.0, 0.0, 1.0, 1, 0.0, "", 1, "virgin", 0.0, "IMPORTED"
-    )
+    return recorded(drive, seen, RATE)
 
 
 def steady(x, time, rng):

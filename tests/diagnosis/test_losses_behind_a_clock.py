@@ -8,8 +8,7 @@ import pytest
 from scipy.signal import butter, sosfiltfilt
 
 from piezo_rig.diagnosis import diagnose
-from piezo_rig.run_file.sweep import Sweep
-from tests.diagnosis.sliders import play
+from tests.diagnosis.sliders import play, recorded
 
 RATE, SECONDS, NOISE_UM = 2000.0, 24.0, 2e-3
 
@@ -35,10 +34,7 @@ def test_a_loss_under_a_smooth_drive_is_found_where_it_is(seed, lost):
     kept = np.delete(np.arange(samples + lost), np.s_[at : at + lost])
     rng = np.random.default_rng(100 + seed)
     seen = (moved - moved[0])[kept] + NOISE_UM * rng.standard_normal(samples)
-    found = diagnose([Sweep(
-        "sweep_0001", drive[:samples], seen, RATE, 1.0, 0.0, 1.0, 1, 0.0, "", 1, "unknown", 0.0,
-        "IMPORTED",
-    )])  # fmt: skip
+    found = diagnose([recorded(drive[:samples], seen, RATE, "unknown")])
     assert [f.cause for f in found.findings] == ["dropped-samples"]
     (event,) = found.findings[0].events
     assert event.size == lost

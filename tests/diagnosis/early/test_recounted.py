@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from piezo_rig.diagnosis import diagnose
-from piezo_rig.run_file.sweep import Sweep
-from tests.diagnosis.sliders import play
+from tests.diagnosis.sliders import play, recorded
 
 RATE, NOISE_UM = 5000.0, 2.5e-3
 
@@ -33,10 +32,7 @@ def test_all_of_many_samples_that_were_lost_are_counted(seed, lost):
     moved = play(drive, np.linspace(0.5, 36.0, 72), 0.003)
     rng = np.random.default_rng(100 + seed)
     seen = np.delete(moved, np.s_[at : at + lost]) + NOISE_UM * rng.standard_normal(samples)
-    found = diagnose([Sweep(
-        "sweep_0001", drive[:samples], seen, RATE, 1.0, 0.0, 1.0, 1, 0.0, "", 1, "virgin", 0.0,
-        "IMPORTED",
-    )])  # fmt: skip
+    found = diagnose([recorded(drive[:samples], seen, RATE)])
     assert [f.cause for f in found.findings] == ["dropped-samples"]
     (event,) = found.findings[0].events
     assert event.size == lost

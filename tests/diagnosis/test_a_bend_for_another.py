@@ -1,0 +1,51 @@
+"""A small bend of the displacement looks like one of the drive, which is taken in first.
+
+What the two differ by is no finding: the one takes the other's place.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from piezo_rig.diagnosis import diagnose
+from tests.diagnosis.sliders import play, recorded
+
+RATE, NOISE_UM = 5000.0, 3e-3
+RATES_HZ = (4.0, 0.5, 10.0, 1.0, 2.0)
+
+
+def triangles(hz):
+    up = np.linspace(0.0, 62.0, round(RATE / hz / 2) + 1)
+    return np.tile(np.concatenate([up[:-1], up[:0:-1]]), max(2, int(1.5 * hz)))
+
+
+def session(seed):
+    """Five rates, each twice, one after the other; before that a triangle that nobody recorded."""
+    rng = np.random.default_rng(seed)
+    up = np.linspace(0.0, 75.0, 800)
+    drives = [triangles(hz) for hz in RATES_HZ for _ in range(2)]
+    limits = np.sort(rng.uniform(0.5, 34.0, 24))
+    x = play(np.concatenate([up, up[::-1], *drives]), limits, 0.01)[2 * up.size :]
+    x = x - 0.0007 * x**2
+    out, at = [], 0
+    for k, drive in enumerate(drives):
+        noise = rng.standard_normal(drive.size)
+        for i in range(1, drive.size):
+            noise[i] = 0.95 * noise[i - 1] + np.sqrt(1.0 - 0.95**2) * noise[i]
+        seen = x[at : at + drive.size] - x[at] + NOISE_UM * noise
+        at += drive.size
+        which, again = divmod(k, 2)
+        out.append(recorded(
+            drive, seen, RATE, "unknown", k + 1, f"{RATES_HZ[which]} Hz", again + 1
+        ))  # fmt: skip
+    return out
+
+
+@pytest.mark.parametrize("seed", [1, *(pytest.param(s, marks=pytest.mark.study) for s in (2, 3))])
+def test_a_bent_displacement_is_no_asymmetry(seed):
+    found = diagnose(session(seed))
+    assert found.findings == []
+    assert not found.unexplained.detected
+    assert found.rungs[-1].added == "output-bend"
+    assert found.rungs[-1].rms_nm < 1.1 * 1e3 * NOISE_UM
