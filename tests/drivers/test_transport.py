@@ -139,6 +139,7 @@ def test_another_instrument_after_a_reconnection_is_an_identity_error(peer, line
     link.connect(["335"])
     with pytest.raises(InstrumentError):
         link.query("silence?")
+    link.transport.timeout_s = 5.0
     with pytest.raises(InstrumentError) as failure:
         link.query("*IDN?")
     assert failure.value.code == "instrument-identity"

@@ -275,6 +275,7 @@ def test_after_a_late_answer_the_driver_goes_on_with_a_fresh_line(resting, fault
         resting.output_level()
     assert failure.value.code == "instrument-timeout"
     time.sleep(0.3)
+    resting._link.transport.timeout_s = 5.0
     assert resting.output_level() == pytest.approx(-10.0)
 
 
