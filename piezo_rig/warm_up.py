@@ -13,6 +13,7 @@ import contextlib
 import importlib.util
 import io
 import py_compile
+import subprocess
 import sys
 import tempfile
 from collections.abc import Iterable
@@ -29,7 +30,6 @@ upper_v = [30, 50, 75]
 frequency_hz = 10
 cycles = 4
 """
-# with nothing to find, a diagnosis scores every cause once and ends
 _PLAIN = "\n".join(
     f"[plant.{effect}]\non = false"
     for effect in ("initiation_stage", "range_dependence", "direction_asymmetry", "creep",
@@ -38,28 +38,61 @@ _PLAIN = "\n".join(
 
 
 def main() -> None:
-    """Plays, identifies and diagnoses a fraction of a second through every kernel."""
-    from piezo_rig.cli import main as command
-    from piezo_rig.resources import find
+    """Plays, identifies and diagnoses a fraction of a second through every kernel.
 
-    with tempfile.TemporaryDirectory() as folder, contextlib.redirect_stdout(io.StringIO()):
-        protocol = Path(folder) / "warm_up.toml"
-        protocol.write_text(_PROTOCOL, encoding="utf-8")
-        out, rig = str(Path(folder) / "model.json"), Path(folder) / "rig.toml"
-        bench = find("configs", "simulated_bench").read_text(encoding="utf-8")
-        rig.write_text(bench + _PLAIN, encoding="utf-8")
-        status = command(["run", str(protocol), "--rig", str(rig), "--out", folder])
-        for run in Path(folder).glob("*.h5"):
-            words = ["identify", str(run), "--model", "range", "--elements", "8", "--out", out]
-            status = status or command(words)
-            status = status or command(["diagnose", str(run)])
-        target = Path(folder) / "target.csv"
-        target.write_text("time_s,displacement_um\n0,0\n0.01,0.1\n", encoding="utf-8")
-        words = ["compensate", out, str(target), "--out", str(Path(folder) / "drive.csv")]
-        status = status or command(words)
+    What a diagnosis needs is compiled in a second process meanwhile, by a recording of its own.
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        aside = subprocess.Popen([sys.executable, "-m", "piezo_rig.warm_up", folder])
+        status = _play_and_identify(Path(folder))
+        status = aside.wait() or status
     if status:
         raise SystemExit("the program does not work on this machine; see the message above")
     write_bytecode(list(sys.modules.values()))
+
+
+def _play_and_identify(folder: Path) -> int:
+    from piezo_rig.resources import find
+
+    protocol, rig, model = folder / "warm_up.toml", folder / "rig.toml", folder / "model.json"
+    protocol.write_text(_PROTOCOL, encoding="utf-8")
+    bench = find("configs", "simulated_bench").read_text(encoding="utf-8")
+    rig.write_text(bench + _PLAIN, encoding="utf-8")
+    status = _command("run", protocol, "--rig", rig, "--out", folder)
+    for run in folder.glob("*.h5"):
+        shape = "--model", "range", "--elements", "8"
+        status = status or _command("identify", run, *shape, "--out", model)
+    target = folder / "target.csv"
+    target.write_text("time_s,displacement_um\n0,0\n0.01,0.1\n", encoding="utf-8")
+    return status or _command("compensate", model, target, "--out", folder / "drive.csv")
+
+
+def _diagnose(folder: Path) -> int:
+    """Triangles from rest, and a displacement with loops and noise, in a file of their own."""
+    import numpy as np
+
+    step = np.arange(8000)
+    drive = np.repeat([40.0, 75.0], 4000) * (1.0 - np.abs(step % 500 - 250) / 250)
+    seen = 0.08 * drive + np.random.default_rng(0).normal(0.0, 0.003, step.size)
+    for limit in np.geomspace(0.5, 35.0, 12):
+        behind = 0.0
+        for k, v in enumerate(drive):
+            behind = min(max(behind, v - limit), v + limit)
+            seen[k] += 0.006 * behind
+    path = folder / "recording.csv"
+    np.savetxt(
+        path, np.column_stack([step / 5000, drive, seen]), fmt="%.6f", delimiter=",",
+        header="time_s,drive_v,displacement_um", comments="",
+    )  # fmt: skip
+    return _command("diagnose", path, "--history", "virgin")
+
+
+def _command(*words: str | Path) -> int:
+    """The exit status of a command; what it prints, but for errors, is not shown."""
+    from piezo_rig.cli import main as command
+
+    with contextlib.redirect_stdout(io.StringIO()):
+        return command([str(word) for word in words])
 
 
 def write_bytecode(modules: Iterable[ModuleType]) -> None:
@@ -76,4 +109,8 @@ def write_bytecode(modules: Iterable[ModuleType]) -> None:
 
 
 if __name__ == "__main__":
+    if sys.argv[1:]:
+        code = _diagnose(Path(sys.argv[1]))
+        write_bytecode(list(sys.modules.values()))
+        raise SystemExit(code)
     main()
