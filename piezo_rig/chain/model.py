@@ -139,6 +139,28 @@ class Model:
         -------
         displacement in um, shape (n,), 0 at the first sample
         """
+        displacement = self.since_virgin(
+            time_s, drive_v, history, free_end, memo, earlier, reads, played
+        )
+        if not displacement.size or displacement[0] == 0.0:
+            return displacement
+        return displacement - displacement[0]
+
+    def since_virgin(
+        self,
+        time_s: FloatArray,
+        drive_v: FloatArray,
+        history: str = "virgin",
+        free_end: bool = False,
+        memo: Memo | None = None,
+        earlier: Sequence[FloatArray] = (),
+        reads: tuple[Reads, ...] | None = None,
+        played: FloatArray | None = None,
+    ) -> FloatArray:
+        """`simulate` with what was left before the first sample: as stages see it, shape (n,), um.
+
+        What goes by where the actuator stands, as a bend of its displacement does, goes by this.
+        """
         if np.size(drive_v) == 0 == np.size(time_s):
             return np.empty(0)
         if history not in ("virgin", "carried", "unknown"):
@@ -168,7 +190,7 @@ class Model:
         # one bad sample makes all that follow it bad: looking at the last is enough
         if not np.isfinite(displacement[-1]):
             refuse_gaps(drive)
-        return displacement if displacement[0] == 0.0 else displacement - displacement[0]
+        return displacement
 
     def simulate_each(self, drives: Drives, memo: Memo | None = None) -> FloatArray:
         """`simulate` of several drives at once, one behind the other, shape (n,).

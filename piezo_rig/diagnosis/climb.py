@@ -258,7 +258,9 @@ class Search:
         tried = self.tried(here, found, close)
         tried += self.tried(here, found, self.as_fast(here, result, good, tried), tried)
         bends = [i for i, id in enumerate(result.ids) if of_base(id) and i not in close]
-        if bends and self.still_far_off(here, [fitted for _, _, fitted in tried]):
+        # what a bend of another kind leaves looks like a law, or an asymmetry
+        bent = here.point.model.stage(BEND) is not None
+        if bends and (bent or self.still_far_off(here, [fitted for _, _, fitted in tried])):
             tried += self.tried(here, found, bends)
         for worth, i, fitted in sorted(carrying(self, tried), key=lambda t: -t[0]):
             id = result.ids[i]
@@ -273,6 +275,8 @@ class Search:
             against = against or of_a_corner(self, fitted, here, id)
             if against is None and doubtful and not self.helps(here, fitted):
                 against = "fits, but does not predict data that it has not seen better beyond doubt"
+            if against is None and self.harms(here, fitted):
+                against = "fits, but predicts data that it has not seen worse beyond doubt"
             if against is not None:
                 self.spoiled[id] = Step(id, float(family[i]), fitted)
                 self.bar(id, here, against, NEARER)
@@ -310,6 +314,10 @@ class Search:
         return any(
             issubclass(k, Cause) and id in k.brings_along for k in members
         ) and not all(g.virgin for g in self.space.groups.groups)
+
+    def harms(self, here: Fitted, fitted: Fitted) -> bool:
+        """Whether a model predicts recordings worse than one without its newest member."""
+        return self.error(0, fitted) > self.error(0, here) and self.helps(fitted, here, False)
 
     def still_far_off(self, here: Fitted, tried: Sequence[Fitted]) -> bool:
         """Whether a model is far off, and none of its extensions brings it much nearer."""

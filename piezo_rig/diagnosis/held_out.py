@@ -31,7 +31,7 @@ FEW, CHUNKS = 6, 10  # fewer recordings than this are cut into chunks for the in
 LEAST_FALL = 2e-4  # of the squared error; no group is expected to vary less
 SLACK = 0.02  # of the range, by which a drive may leave what others span
 FAR = 3.0  # standard errors that a fold may move a parameter
-SHARES, HOLDS = (1.0, 0.5, 0.25, 0.1, 0.0), 1.02  # of a fold's step; squared error, of that before
+SHARES, HOLDS = (1.0, 0.5, 0.25, 0.1), 1.02  # of a fold's step; squared error, of that before
 
 
 @dataclass(frozen=True, eq=False)
@@ -246,16 +246,17 @@ def _as_far_as_it_holds(
     """The model of a fold, moved from that of all data as far as the columns there are true.
 
     They are products of what is fitted: where data hardly know two such numbers apart, both may
-    move far, and what was trained on comes out worse than by the model of all data. Then only a
-    share of the step is taken.
+    move far, and what was trained on comes out worse than where they stay. Then only a share of
+    the step is taken.
 
     Parameters
     ----------
     moved : the model after a share of the step
     square : squared error on what it was trained on
     """
-    enough = HOLDS * square(whole)
-    tried = []
+    still = moved(0.0)
+    tried = [(square(still), 0.0, still)]
+    enough = HOLDS * min(square(whole), tried[0][0])
     for share in SHARES:
         model = moved(share)
         tried.append((square(model), share, model))
