@@ -70,6 +70,7 @@ NEARER = 0.9  # held-out error, of that when a cause was refused, below which it
 MUCH_NEARER = 0.5  # the same for one that came to nothing
 # gain of a law let go of, of what any other cause would, while there is one; of what a table would
 PLAINLY, OF_A_TABLE = 2.0, 0.3
+OF_A_BEND = 0.8  # worth of a bend, of that of a cause, from which on it is the bend
 MASKED = 0.5  # worth of a cause, of that of one which was refused for what it predicts
 HOPE = 1.5  # times what the last step of a climb gained that each further one may gain
 PAIR = 2  # causes, each gaining as much as the best by a linear look, that may do for a detour
@@ -262,7 +263,11 @@ class Search:
         bent = here.point.model.stage(BEND) is not None
         if bends and (bent or self.still_far_off(here, [fitted for _, _, fitted in tried])):
             tried += self.tried(here, found, bends)
-        for worth, i, fitted in sorted(carrying(self, tried), key=lambda t: -t[0]):
+
+        def likely(one: Tried) -> float:
+            return one[0] / (OF_A_BEND if of_base(result.ids[one[1]]) else 1.0)
+
+        for worth, i, fitted in sorted(carrying(self, tried), key=likely, reverse=True):
             id = result.ids[i]
             if worth <= 0.0:
                 why = "once refitted it says no more than the model without it"

@@ -173,6 +173,7 @@ def idle(search: Search) -> bool:
                 kept = kept and not (id in tables and _stands_in(search, less, unknown))
             else:
                 kept = search.error(0, search.fitted) <= LOSES * search.error(0, less)
+                kept = kept or plain_bend(id, search.fitted, less)
             if kept:
                 continue
             rest = [s for s in search.steps if s.cause != id]

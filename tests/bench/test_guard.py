@@ -83,7 +83,7 @@ def guard_of(player: Player) -> int:
 
 
 @pytest.mark.parametrize("state", [
-    state if state in ("going to rest", "starting", "playing", "fetching", "storing")
+    state if state in ("going to rest", "playing", "storing")
     else pytest.param(state, marks=pytest.mark.study) for state in STATES
 ])  # fmt: skip
 def test_a_run_that_is_killed_rests_and_keeps_what_was_stored(bench, protocol, tmp_path, state):

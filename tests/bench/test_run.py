@@ -179,7 +179,10 @@ def test_what_the_stack_saw_is_what_was_planned(folder, protocol):
     assert np.abs(slew).max() < 1000
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+@pytest.mark.parametrize("number", [
+    signal.SIGTERM, pytest.param(signal.SIGINT, marks=pytest.mark.study),
+    pytest.param(signal.SIGHUP, marks=pytest.mark.study),
+])  # fmt: skip
 def test_a_stopped_run_ends_at_rest_with_what_was_recorded(tmp_path, protocol, number):
     long = tmp_path / "long.toml"
     long.write_text(SHORT.replace("repeats = 2", "repeats = 60"))

@@ -223,8 +223,9 @@ class Late:
             self.bench.__exit__()
 
 
-@pytest.mark.parametrize("there", ["an older run", "an empty folder", "nothing"])
-@pytest.mark.parametrize("given", ["", "r.h5"])
+@pytest.mark.parametrize(("there", "given"), [
+    ("an older run", ""), ("an empty folder", ""), ("nothing", "r.h5"),
+])  # fmt: skip
 def test_a_run_that_is_about_to_begin_is_waited_for(there, given, tmp_path):
     folder = tmp_path / "runs"
     if there != "nothing":
