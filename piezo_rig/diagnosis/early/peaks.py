@@ -18,6 +18,7 @@ FloatArray = NDArray[np.float64]
 GRID = 96  # instants at which the size of a signature is computed; between them it is smooth
 EDGE = 0.02  # of its largest size that a signature must have left off what the nuisance can do
 FINE = 0.35  # standard error, in steps or samples, with which whole numbers can be told apart
+PLAIN = 12.0  # standard errors, from which on a break is plain
 PART = 0.3  # of a step or sample
 CORNER_S = 0.01  # so near to a turning point a model may be wrong by as much
 BEGIN, END = 2, 20  # thinned samples; where the drive ends, lost samples show no velocity
@@ -133,13 +134,15 @@ def _best(
     usable: NDArray[np.bool_], stretch: Stretch,
 ) -> Peak | None:  # fmt: skip
     number = np.cumsum(shares[::-1])[::-1]
-    usable = usable & (size > EDGE * float(size.max())) & (size > FINE**-2)
-    usable[:BEGIN] = usable[-END:] = False
-    if not usable.any():
-        return None
     share = number / np.maximum(size, 1e-300)
     if cause == DROP:
         share = np.maximum(share, 0.0)  # samples can be lost, not won
+    # of many it is plain that there are some before it is how many
+    told = (size > FINE**-2) | (share**2 * size > PLAIN**2)
+    usable = usable & (size > EDGE * float(size.max())) & told
+    usable[:BEGIN] = usable[-END:] = False
+    if not usable.any():
+        return None
     # an instant inside a thinned sample shows as two parts of a step
     gained = np.where(usable & (np.abs(share) > PART), 0.5 * share**2 * size, 0.0)
     best = int(np.argmax(gained))
