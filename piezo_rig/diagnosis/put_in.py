@@ -80,6 +80,21 @@ def instead_of_bend(space: Space, fitted: Fitted) -> Fitted:
     return less if square_of(less.linear) < AS_NEAR * square_of(fitted.linear) else fitted
 
 
+def _from_either_end(space: Space, here: Fitted, found: Found, i: int, point: Point) -> Point:
+    """Where to begin with a level that may be one from below or one from above.
+
+    As long as a large one is missing, the base has gone after it at both ends of the drive: which
+    of them it is at, a linear look beside that base does not tell.
+    """
+    candidate = found.candidates[i]
+    other = found.other_end(candidate.id)
+    if other is None:
+        return point
+    there = extended(space, here, candidate, other[0], found.likelihood, other[1])
+    worth = [refit(space, p, steps=0, held=True).evidence for p in (point, there)]
+    return there if worth[1] > worth[0] else point
+
+
 def refitted(space: Space, here: Fitted, found: Found, i: int) -> Fitted | None:
     """The model with a cause put in; None where that comes to nothing."""
     candidate = found.candidates[i]
@@ -87,6 +102,7 @@ def refitted(space: Space, here: Fitted, found: Found, i: int) -> Fitted | None:
     try:
         settle(space, here.point)
         point = extended(space, here, candidate, columns, found.likelihood, form)
+        point = _from_either_end(space, here, found, i, point)
         promised = found.likelihood.evidence(columns) - found.likelihood.evidence()
         point = begun_best(space, point, candidate.id, form[0], promised)
         fitted = descended(space, point, here, promised)

@@ -244,6 +244,9 @@ def candidates(space: Space, model: Model) -> tuple[list[Candidate], dict[str, s
     return found, refused
 
 
+Form = tuple[list[int], tuple[Stage, ...]]  # columns and examples
+
+
 @dataclass(frozen=True, eq=False)
 class Found:
     """A scan with what is needed to take a cause in.
@@ -253,13 +256,31 @@ class Found:
     candidates : in the order of ``result.ids``
     linear, likelihood : about the model, all examples as trials
     chosen : cause -> columns and examples of its best form
+    forms : cause -> those of every form
     """
 
     result: Scan
     candidates: list[Candidate]
     linear: Linear
     likelihood: Likelihood
-    chosen: dict[str, tuple[list[int], tuple[Stage, ...]]]
+    chosen: dict[str, Form]
+    forms: dict[str, list[Form]]
+
+    def other_end(self, id: str) -> Form | None:
+        """The likeliest form that moves other parameters than the best one, if there are any: a
+        level from below where the best is one from above.
+        """
+        _, best = self.chosen[id]
+        others = [f for f in self.forms[id] if _away(f[1]) != _away(best)]
+        return max(others, key=lambda f: self.likelihood.evidence(f[0]), default=None)
+
+
+def _away(trials: Sequence[Stage]) -> set[str]:
+    """Parameters of examples that are not what they are where nothing is done."""
+    return {
+        n for t in trials if isinstance(t, Cause) for n in t.parameters
+        if n in t.sharp and t[n] != t.neutral.get(n, 0.0)
+    }  # fmt: skip
 
 
 def scan(
@@ -294,7 +315,8 @@ def scan(
     owners = [i for i, c in enumerate(kept) for _ in where[c.id]]
     if not kept:
         empty = np.zeros(0)
-        return Found(Scan((), empty, empty, empty, empty, refused), kept, linear, likelihood, {})
+        result = Scan((), empty, empty, empty, empty, refused)
+        return Found(result, kept, linear, likelihood, {}, {})
     scored = score(likelihood, hypotheses, owners, rng, LEVEL / len(kept))
     result = Scan(
         tuple(c.id for c in kept),
@@ -308,7 +330,8 @@ def scan(
     chosen = {
         c.id: (hypotheses[scored.chosen[i]], forms[scored.chosen[i]]) for i, c in enumerate(kept)
     }
-    return Found(result, kept, linear, likelihood, chosen)
+    every = {c.id: list(zip(where[c.id], c.variants, strict=True)) for c in kept}
+    return Found(result, kept, linear, likelihood, chosen, every)
 
 
 def _pairs(found: Sequence[Candidate], model: Model) -> list[tuple[Model, Model]]:
