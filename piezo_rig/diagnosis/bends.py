@@ -64,6 +64,7 @@ def bend(search: Search, here: Fitted, found: Found, good: NDArray[np.int64]) ->
             if rival is None:
                 search.came_to_nothing(found.result.ids[i], here)
             elif rival.evidence > fitted.evidence:
+                search.rather = [int(i)]  # whatever a linear look makes of it
                 return False
     search.accept(Step(BEND, p, fitted))
     return True

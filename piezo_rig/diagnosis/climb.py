@@ -156,6 +156,7 @@ class Search:
     errors: dict[tuple[int, int], tuple[float, Point]] = field(default_factory=dict)
     stop: Callable[[Fitted], bool] = lambda fitted: False
     stopped: bool = False
+    rather: list[int] = field(default_factory=list)  # what says more than a bend in this scan
     rivals: list[Fitted] = field(default_factory=list)  # refits that the newest member was one of
 
     @property
@@ -189,6 +190,7 @@ class Search:
             self.tell(f"scan {len(self.scans) + 1}")
             settle(self.space, here.point)
             found = scan(self.space, here, self.rng, self.barred)
+            self.rather = []
             result = found.result
             self.scans.append(result)
             family = self.family(result)
@@ -256,6 +258,7 @@ class Search:
         """Refit with the likeliest causes and keep the best; False where none can be kept."""
         result = found.result
         close = result.close(good)
+        close = [*close, *(i for i in self.rather if i not in close)]
         tried = self.tried(here, found, close)
         tried += self.tried(here, found, self.as_fast(here, result, good, tried), tried)
         bends = [i for i, id in enumerate(result.ids) if of_base(id) and i not in close]

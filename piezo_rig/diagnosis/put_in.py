@@ -29,6 +29,7 @@ LARGE = 300.0  # log-likelihood above which the linear start is not trusted
 LOOKED_AT = 2  # starts of an effect that goes by speed, from which plain least squares is tried
 FAR_LESS = 0.5  # squared error, of that of the likeliest refit
 LONG, NO_LESS, AS_NEAR = 12, 3.0, 1.1  # steps; log-likelihood; squared error, of that with both
+AFRESH = 3  # steps of a base beside a level as it is begun
 LOST = 0.3  # of what a linear look at a cause promised; a refit that keeps less went too far
 
 
@@ -83,16 +84,29 @@ def instead_of_bend(space: Space, fitted: Fitted) -> Fitted:
 def _from_either_end(space: Space, here: Fitted, found: Found, i: int, point: Point) -> Point:
     """Where to begin with a level that may be one from below or one from above.
 
-    As long as a large one is missing, the base has gone after it at both ends of the drive: which
-    of them it is at, a linear look beside that base does not tell.
+    As long as a large one is missing, the base has gone after it at both ends of the drive: where
+    it is, a linear look beside that base does not tell. With the base fitted anew it shows.
     """
     candidate = found.candidates[i]
-    other = found.other_end(candidate.id)
-    if other is None:
+    ends = found.at_either_end(candidate.id)
+    if not ends:
         return point
-    there = extended(space, here, candidate, other[0], found.likelihood, other[1])
-    worth = [refit(space, p, steps=0, held=True).evidence for p in (point, there)]
-    return there if worth[1] > worth[0] else point
+    points = []
+    for end in ends:
+        columns, trials = max(end, key=lambda f: found.likelihood.evidence(f[0]))
+        begun = extended(space, here, candidate, columns, found.likelihood, trials)
+        points += [replace(begun, model=begun.model.with_stage(t)) for _, (t,) in end]
+    left = abreast(space, [partial(_left_with, space, p, candidate.id) for p in points], here.parts)
+    return points[int(np.argmin(left))]
+
+
+def _left_with(space: Space, point: Point, id: str) -> float:
+    """Squared error with the base fitted anew beside a cause as it is begun, um^2."""
+    as_it_is = replace(point, sizes=tuple(s for s in point.sizes if s[0] != id))
+    try:
+        return square_of(refit(space, as_it_is, AFRESH, held=True).linear)
+    except (InputError, np.linalg.LinAlgError):
+        return np.inf
 
 
 def refitted(space: Space, here: Fitted, found: Found, i: int) -> Fitted | None:
@@ -102,8 +116,9 @@ def refitted(space: Space, here: Fitted, found: Found, i: int) -> Fitted | None:
     try:
         settle(space, here.point)
         point = extended(space, here, candidate, columns, found.likelihood, form)
-        point = _from_either_end(space, here, found, i, point)
         promised = found.likelihood.evidence(columns) - found.likelihood.evidence()
+        if promised > LARGE:
+            point = _from_either_end(space, here, found, i, point)
         point = begun_best(space, point, candidate.id, form[0], promised)
         fitted = descended(space, point, here, promised)
         if fitted.evidence > here.evidence + LARGE:

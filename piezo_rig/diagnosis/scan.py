@@ -266,21 +266,22 @@ class Found:
     chosen: dict[str, Form]
     forms: dict[str, list[Form]]
 
-    def other_end(self, id: str) -> Form | None:
-        """The likeliest form that moves other parameters than the best one, if there are any: a
-        level from below where the best is one from above.
+    def at_either_end(self, id: str) -> list[list[Form]]:
+        """Its forms by which of their parameters say anything, where that is not always the same:
+        levels from below and levels from above.
         """
-        _, best = self.chosen[id]
-        others = [f for f in self.forms[id] if _away(f[1]) != _away(best)]
-        return max(others, key=lambda f: self.likelihood.evidence(f[0]), default=None)
+        ends: dict[frozenset[str], list[Form]] = {}
+        for form in self.forms[id]:
+            ends.setdefault(_away(form[1]), []).append(form)
+        return list(ends.values()) if len(ends) > 1 else []
 
 
-def _away(trials: Sequence[Stage]) -> set[str]:
+def _away(trials: Sequence[Stage]) -> frozenset[str]:
     """Parameters of examples that are not what they are where nothing is done."""
-    return {
+    return frozenset(
         n for t in trials if isinstance(t, Cause) for n in t.parameters
         if n in t.sharp and t[n] != t.neutral.get(n, 0.0)
-    }  # fmt: skip
+    )
 
 
 def scan(
