@@ -97,7 +97,7 @@ def _from_either_end(space: Space, here: Fitted, found: Found, i: int, point: Po
         begun = extended(space, here, candidate, columns, found.likelihood, trials)
         points += [replace(begun, model=begun.model.with_stage(t)) for _, (t,) in end]
     left = abreast(space, [partial(_left_with, space, p, candidate.id) for p in points], here.parts)
-    return points[int(np.argmin(left))]
+    return points[int(np.argmin(left))] if np.isfinite(min(left)) else point
 
 
 def _left_with(space: Space, point: Point, id: str) -> float:
