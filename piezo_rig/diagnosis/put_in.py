@@ -29,7 +29,7 @@ LARGE = 300.0  # log-likelihood above which the linear start is not trusted
 LOOKED_AT = 2  # starts of an effect that goes by speed, from which plain least squares is tried
 FAR_LESS = 0.5  # squared error, of that of the likeliest refit
 LONG, NO_LESS, AS_NEAR = 12, 3.0, 1.1  # steps; log-likelihood; squared error, of that with both
-AFRESH = 3  # steps of a base beside a level as it is begun
+TWICE, EVERY = 2, 3  # turns of a look at levels; every so many of them in the first
 LOST = 0.3  # of what a linear look at a cause promised; a refit that keeps less went too far
 
 
@@ -96,15 +96,21 @@ def _from_either_end(space: Space, here: Fitted, found: Found, i: int, point: Po
         columns, trials = max(end, key=lambda f: found.likelihood.evidence(f[0]))
         begun = extended(space, here, candidate, columns, found.likelihood, trials)
         points += [replace(begun, model=begun.model.with_stage(t)) for _, (t,) in end]
-    left = abreast(space, [partial(_left_with, space, p, candidate.id) for p in points], here.parts)
-    return points[int(np.argmin(left))] if np.isfinite(min(left)) else point
+    left = np.full(len(points), np.inf)
+    for _ in range(TWICE):  # some of all, then those about the best of them
+        k = int(np.argmin(left))
+        near = range(max(k - EVERY + 1, 0), min(k + EVERY, len(points)))
+        looked = near if np.isfinite(left[k]) else range(0, len(points), EVERY)
+        made = [partial(_left_with, space, points[j], candidate.id) for j in looked]
+        left[list(looked)] = abreast(space, made, here.parts)
+    return points[int(np.argmin(left))] if np.isfinite(left).any() else point
 
 
 def _left_with(space: Space, point: Point, id: str) -> float:
     """Squared error with the base fitted anew beside a cause as it is begun, um^2."""
     as_it_is = replace(point, sizes=tuple(s for s in point.sizes if s[0] != id))
     try:
-        return square_of(refit(space, as_it_is, AFRESH, held=True).linear)
+        return square_of(refit(space, as_it_is, 1, held=True).linear)
     except (InputError, np.linalg.LinAlgError):
         return np.inf
 
