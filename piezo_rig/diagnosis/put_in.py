@@ -29,6 +29,7 @@ LARGE = 300.0  # log-likelihood above which the linear start is not trusted
 LOOKED_AT = 2  # starts of an effect that goes by speed, from which plain least squares is tried
 FAR_LESS = 0.5  # squared error, of that of the likeliest refit
 LONG, NO_LESS, AS_NEAR = 12, 3.0, 1.1  # steps; log-likelihood; squared error, of that with both
+FAR_OFF = 2.0  # times the noise, thinned as the recordings are
 TWICE, EVERY = 2, 3  # turns of a look at levels; every so many of them in the first
 LOST = 0.3  # of what a linear look at a cause promised; a refit that keeps less went too far
 
@@ -106,6 +107,12 @@ def _from_either_end(space: Space, here: Fitted, found: Found, i: int, point: Po
     return points[int(np.argmin(left))] if np.isfinite(left).any() else point
 
 
+def _far_off(space: Space, fitted: Fitted) -> bool:
+    """Whether far more is left than noise."""
+    mean = square_of(fitted.linear) / max(float(fitted.linear.count.sum()), 1.0)
+    return bool(1e3 * np.sqrt(mean) > FAR_OFF * space.noise_nm)
+
+
 def _left_with(space: Space, point: Point, id: str) -> float:
     """Squared error with the base fitted anew beside a cause as it is begun, um^2."""
     as_it_is = replace(point, sizes=tuple(s for s in point.sizes if s[0] != id))
@@ -123,10 +130,13 @@ def refitted(space: Space, here: Fitted, found: Found, i: int) -> Fitted | None:
         settle(space, here.point)
         point = extended(space, here, candidate, columns, found.likelihood, form)
         promised = found.likelihood.evidence(columns) - found.likelihood.evidence()
-        if promised > LARGE:
-            point = _from_either_end(space, here, found, i, point)
         point = begun_best(space, point, candidate.id, form[0], promised)
         fitted = descended(space, point, here, promised)
+        if promised > LARGE and _far_off(space, fitted):
+            there = _from_either_end(space, here, found, i, point)
+            if there is not point:
+                other = descended(space, there, here, promised)
+                fitted = max(fitted, other, key=lambda f: f.evidence)
         if fitted.evidence > here.evidence + LARGE:
             fitted = further(space, fitted, candidate.id)
         fitted = beside_kinks(space, fitted, candidate.id)
