@@ -249,7 +249,7 @@ def test_a_lag_in_the_monitor_is_the_amplifiers_and_the_command_line_says_so(tmp
     assert any(s["id"] == "amplifier-lag" for s in json.loads(model.read_text())["stages"])
 
 
-@pytest.mark.parametrize("tau", [7e-5, 4e-4])
+@pytest.mark.parametrize("tau", [7e-5, pytest.param(4e-4, marks=pytest.mark.study)])
 def test_a_lag_behind_ramps_that_begin_between_samples_is_read_as_it_is(plain, tau):
     rng, fine = np.random.default_rng(8), 40
     at, volts = [0.0, 0.1], [0.0, 0.0]
