@@ -113,6 +113,7 @@ class Model:
         earlier: Sequence[FloatArray] = (),
         reads: tuple[Reads, ...] | None = None,
         played: FloatArray | None = None,
+        since_virgin: bool = False,
     ) -> FloatArray:
         """What the sensor would show of a drive.
 
@@ -134,32 +135,12 @@ class Model:
             model does; the same for every call with one ``memo``
         played : shape (R,), cycles that were played before each of the recordings whose mean is
             asked for, none by default; the same for every call with one ``memo``
+        since_virgin : from where the actuator was before anything was played, as its stages see it;
+            a bend of the displacement goes by that
 
         Returns
         -------
-        displacement in um, shape (n,), 0 at the first sample
-        """
-        displacement = self.since_virgin(
-            time_s, drive_v, history, free_end, memo, earlier, reads, played
-        )
-        if not displacement.size or displacement[0] == 0.0:
-            return displacement
-        return displacement - displacement[0]
-
-    def since_virgin(
-        self,
-        time_s: FloatArray,
-        drive_v: FloatArray,
-        history: str = "virgin",
-        free_end: bool = False,
-        memo: Memo | None = None,
-        earlier: Sequence[FloatArray] = (),
-        reads: tuple[Reads, ...] | None = None,
-        played: FloatArray | None = None,
-    ) -> FloatArray:
-        """`simulate` with what was left before the first sample: as stages see it, shape (n,), um.
-
-        What goes by where the actuator stands, as a bend of its displacement does, goes by this.
+        displacement in um, shape (n,), 0 at the first sample unless ``since_virgin``
         """
         if np.size(drive_v) == 0 == np.size(time_s):
             return np.empty(0)
@@ -190,7 +171,9 @@ class Model:
         # one bad sample makes all that follow it bad: looking at the last is enough
         if not np.isfinite(displacement[-1]):
             refuse_gaps(drive)
-        return displacement
+        if since_virgin or displacement[0] == 0.0:
+            return displacement
+        return displacement - displacement[0]
 
     def simulate_each(self, drives: Drives, memo: Memo | None = None) -> FloatArray:
         """`simulate` of several drives at once, one behind the other, shape (n,).

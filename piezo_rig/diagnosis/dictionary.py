@@ -101,7 +101,7 @@ def through(model: Model, group: Group, columns: FloatArray) -> FloatArray:
     if not stages:
         return columns
     base = model.with_(stages=tuple(s for s in model.stages if s not in stages))
-    moved = base.since_virgin(group.time_s, group.drive_v, group.history)
+    moved = base.simulate(group.time_s, group.drive_v, group.history, since_virgin=True)
 
     reads = None if group.reads is None else (group.reads,)
     played = None if group.played is None else (group.played,)
