@@ -70,6 +70,7 @@ NEARER = 0.9  # held-out error, of that when a cause was refused, below which it
 MUCH_NEARER = 0.5  # the same for one that came to nothing
 # gain of a law let go of, of what any other cause would, while there is one; of what a table would
 PLAINLY, OF_A_TABLE = 2.0, 0.3
+OF_ANOTHER = 1.0  # log-likelihood by a linear look, up to which no other kind of bend is tried
 OF_A_BEND = 0.8  # worth of a bend, of that of a cause, from which on it is the bend
 MASKED = 0.5  # worth of a cause, of that of one which was refused for what it predicts
 HOPE = 1.5  # times what the last step of a climb gained that each further one may gain
@@ -263,7 +264,9 @@ class Search:
         tried += self.tried(here, found, self.as_fast(here, result, good, tried), tried)
         bends = [i for i, id in enumerate(result.ids) if of_base(id) and i not in close]
         # what a bend of another kind leaves looks like a law, or an asymmetry
-        bent = here.point.model.stage(BEND) is not None
+        bent = here.point.model.stage(BEND) is not None and (
+            any(result.ratio[i] > OF_ANOTHER for i in bends)
+        )
         if bends and (bent or self.still_far_off(here, [fitted for _, _, fitted in tried])):
             tried += self.tried(here, found, bends)
 
