@@ -44,6 +44,7 @@ from piezo_rig.diagnosis.scale import on_one_scale
 from piezo_rig.diagnosis.space import Space
 from piezo_rig.diagnosis.spare import faded
 from piezo_rig.diagnosis.wandering import AGEING
+from piezo_rig.diagnosis.warming import without_settling
 from piezo_rig.diagnosis.whitening import CellWhitener
 
 FloatArray = NDArray[np.float64]
@@ -188,8 +189,9 @@ def _climbed(
     """
     tell("noise")
     clean = on_one_scale(clean, start.model)
-    whitener, repeated = engine.noise_of(clean, start, rng)
-    out = _set_out(clean, whitener, repeated, start)
+    settled = without_settling(clean, start.model)
+    whitener, repeated = engine.noise_of(settled, start, rng)
+    out = _set_out(clean, whitener, repeated, start, settled)
     space, first = out.space, out.first
     out.reading = reading
     if reading is not None:
@@ -239,12 +241,18 @@ def _climbed(
     return out
 
 
-def _set_out(groups: Groups, whitener: CellWhitener, repeated: bool, start: Point) -> Climbed:
-    """The space of some recordings, and the baseline in it."""
+def _set_out(
+    groups: Groups, whitener: CellWhitener, repeated: bool, start: Point,
+    settled: Groups | None = None,
+) -> Climbed:
+    """The space of some recordings, and the baseline in it.
+
+    ``settled`` : the recordings as their noise is known by, if others
+    """
     space, folds = engine.space_of(groups, whitener, start.model)
     if start.fixed:
         space.own_um = own_um_of(start.model)
-    first, floor = refit(space, start), noise_floor_nm(groups)
+    first, floor = refit(space, start), noise_floor_nm(settled or groups)
     kind = "none" if folds == "cycles" and extrapolates(space) else reported_kind(groups, folds)
     return Climbed(space, folds, kind, floor, repeated, first)
 

@@ -51,3 +51,9 @@ def grows(group: Group, begin: int) -> bool:
         for reach in reaches_of(group.drive_v, group.loops)
     ]
     return any(further) and covered(group, begin) == [(begin, group.drive_v.size)]
+
+
+def first_rise_within(group: Group, end: int) -> bool:
+    """Whether a drive from rest goes on where it has been before, from a sample on."""
+    away = np.abs(group.drive_v - group.drive_v[0])
+    return group.virgin and bool(np.max(away[end:], initial=0.0) <= np.max(away[:end], initial=0.0))

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from piezo_rig.chain import Model
 from piezo_rig.diagnosis.chances import normal_half_width, student_half_width
-from piezo_rig.diagnosis.covered import SHORT, covered, grows
+from piezo_rig.diagnosis.covered import SHORT, covered, first_rise_within, grows
 from piezo_rig.diagnosis.fit import Point
 from piezo_rig.diagnosis.groups import Group, Groups
 from piezo_rig.diagnosis.linear import Linear
@@ -70,6 +70,15 @@ def extrapolates(space: Space) -> bool:
     """Whether the cycles that are held out go further than those that are not."""
     begin = min((p.first for p in space.pieces if p.fold == 1), default=0)
     return begin > 0 and any(grows(g, begin) for g in space.groups.groups)
+
+
+def without_first_rises(space: Space) -> bool:
+    """Whether the last cycles of a single recording are held out, and the first rise before them.
+    """
+    (group, *others), pieces = space.groups.groups, space.pieces
+    begin = min((p.first for p in pieces if p.fold == 1), default=0)
+    alone = not others and group.repeats == 1
+    return alone and begin > 0 and first_rise_within(group, begin)
 
 
 def carried_over_nm(space: Space, fitted: Fitted, kind: str) -> float:

@@ -14,6 +14,7 @@ from piezo_rig.causes.cause import Cause
 from piezo_rig.diagnosis.abreast import abreast
 from piezo_rig.diagnosis.confusion import APART, certainties, strengths
 from piezo_rig.diagnosis.fit import Point
+from piezo_rig.diagnosis.held_out import without_first_rises
 from piezo_rig.diagnosis.ladder import Ladder, Step
 from piezo_rig.diagnosis.needed import needless, plain_bend, worth_needed
 from piezo_rig.diagnosis.refit import Fitted, refit, settle, wholly
@@ -30,6 +31,7 @@ SAFE = 20.0  # times what a table must be worth: not looked at again
 # d' of a member beside others, and of a table of its own: a true effect of 40 keeps 16 and more,
 # what the base model of a bench of somebody else's gets wrong goes by such names with 7 to 10
 BESIDE, OF_A_TABLE = 10.0, 12.0
+UNSEEN = 20.0  # the same of a table, where what is held out has no first rise to predict
 OF_A_BEND = 5.0  # which is no name, but without which others stand in for it
 AMISS = 0.45  # of the noise: what is left beside it where something is amiss
 HARDLY = 1.0  # held-out error with a member, of that before
@@ -164,6 +166,9 @@ def idle(search: Search) -> bool:
         unknown = _unknown_nm(search) if search.left_over() else 0.0
         tables = [c for c in search.causes if CAUSES[c].has_elements]
         doubted = tables if len(search.causes) > 1 or _far_off(search) else []
+        if tables and without_first_rises(search.space):
+            found = certainties(search.space, search.fitted, tables)
+            doubted = [c for c in doubted if found[c] < UNSEEN]
         tried = search.causes if unknown else {*doubted, *_gained_nothing(search)}
         for id in reversed([c for c in search.causes if c in tried]):
             search.tell(f"refit without {id}")

@@ -8,12 +8,15 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import PchipInterpolator
 
 FloatArray = NDArray[np.float64]
 MOST = 50_000  # samples of a case, repeats included
 RATES = (5000.0, 4000.0, 2000.0, 1000.0)
 SLEW = 300.0  # V/s to the first drive of a sweep that does not begin at 0 V
 FULL = 75.0
+ONE_SWEEP = 24.0  # s of protocols that are one sweep, all recordings together
+SHORTEST_V = 8.0  # line between random turning points
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,9 +173,77 @@ def _minor(rng: np.random.Generator, repeats: int) -> list[Shape]:
     return out
 
 
+def _one(rng: np.random.Generator, repeats: int) -> list[Shape]:
+    high, hz = float(np.round(rng.uniform(45.0, FULL), 1)), float(rng.choice([1.0, 2.0, 4.0]))
+    seconds = ONE_SWEEP / repeats
+    return [(f"0-{high:g} at {hz:g} Hz", triangle(0.0, high, hz, round(seconds * hz)))]
+
+
+def _ramps(rng: np.random.Generator, repeats: int) -> list[Shape]:
+    """One sweep of lines between random turning points, at three slew rates."""
+    slews = rng.choice([60.0, 120.0, 250.0, 400.0, 700.0], 3, replace=False)
+    turns, seconds, up = [0.0], list[float](), True
+    while sum(seconds) < ONE_SWEEP / repeats:
+        at = turns[-1]
+        room = FULL - at if up else at
+        if room > 2.0 * SHORTEST_V:
+            step = float(rng.uniform(SHORTEST_V, room))
+            turns.append(at + step if up else at - step)
+            seconds.append(step / float(rng.choice(slews)))
+        up = not up
+    seconds.append(turns[-1] / float(slews[0]))
+    return [("ramps", _held([*turns, 0.0], seconds))]
+
+
+def _walk(rng: np.random.Generator, repeats: int) -> list[Shape]:
+    """One smooth sweep through random drives, from rest and back to it."""
+    seconds = ONE_SWEEP / repeats
+    every = 1.0 / float(rng.choice([6.0, 12.0, 25.0]))  # s between the drives
+    at = np.append(np.arange(0.0, seconds, every), seconds)
+    through = rng.uniform(0.0, 1.0, at.size)
+    through = np.convolve(through, np.ones(2) / 2.0, "same")
+    through = float(rng.uniform(50.0, FULL)) * (through - through.min()) / np.ptp(through)
+    through[[0, 1, -2, -1]] = 0.0
+    smooth = PchipInterpolator(at, through)
+    return [("walk", lambda rate: np.asarray(smooth(_clock(seconds, rate)), float))]
+
+
+def _multisine(rng: np.random.Generator, repeats: int) -> list[Shape]:
+    """Four sines at once, faded in and out; with ``repeats`` as with any other condition."""
+    seconds, high = ONE_SWEEP / repeats, float(rng.uniform(50.0, FULL))
+    hz, phase = rng.uniform(0.5, 10.0, 4), rng.uniform(0.0, 2.0 * np.pi, 4)
+    share = rng.uniform(0.5, 1.0, 4)
+    share *= 0.5 / share.sum()
+
+    def make(rate: float) -> FloatArray:
+        t = _clock(seconds, rate)
+        waves = share @ np.sin(2.0 * np.pi * np.outer(hz, t) + phase[:, None])
+        near = np.clip(np.minimum(t, seconds - t) / 0.6, 0.0, 1.0)
+        return np.asarray(high * near**2 * (3.0 - 2.0 * near) * (0.5 + waves), float)
+
+    return [("multisine", make)]
+
+
+def _chirp(rng: np.random.Generator, repeats: int) -> list[Shape]:
+    seconds, high = ONE_SWEEP / repeats, float(rng.uniform(50.0, FULL))
+    first, last = 0.5, float(rng.choice([10.0, 20.0, 40.0]))
+
+    def make(rate: float) -> FloatArray:
+        t, grown = _clock(seconds, rate), np.log(last / first)
+        turned = 2.0 * np.pi * first * seconds / grown * np.expm1(grown * t / seconds)
+        return np.asarray(high * 0.5 * (1.0 - np.cos(turned)), float)
+
+    return [("chirp", make)]
+
+
+def _clock(seconds: float, rate: float) -> FloatArray:
+    return np.arange(round(seconds * rate) + 1) / rate
+
+
 _SHAPES: dict[str, Callable[[np.random.Generator, int], list[Shape]]] = {
     "matrix": _matrix, "shuffled": _shuffled, "rates": _rates, "holds": _holds,
     "bipolar_sine": _sines, "minor_loops": _minor,
+    "one": _one, "ramps": _ramps, "walk": _walk, "multisine": _multisine, "chirp": _chirp,
 }  # fmt: skip
 PROTOCOLS = tuple(_SHAPES)
 

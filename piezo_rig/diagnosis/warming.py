@@ -1,0 +1,97 @@
+"""A rig that warms up, of which noise is measured between recordings.
+
+What repeats disagree by is taken for noise. A zero that drifts steadily is the same in all of them;
+one that settles over the session is not, and a noise that holds it hides that drift, and whatever
+else is slow.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from piezo_rig.causes.cause import added_by
+from piezo_rig.causes.thermal_drift import ThermalDrift
+from piezo_rig.chain import Model
+from piezo_rig.diagnosis.chances import fisher_above
+from piezo_rig.diagnosis.groups import Group, Groups
+
+FloatArray = NDArray[np.float64]
+SETTLING = tuple(np.geomspace(0.5, 20.0, 8))  # times that the slope falls to a third in a session
+LEAST = 3  # slopes beyond what they are fitted by
+CHANCE = 0.01  # that slopes settle as well by noise
+
+
+class _Slopes(NamedTuple):
+    """Of the recordings of a drive: when each was made, s, and how far its slope is off theirs,
+    nm/s; shapes (R,). ``weight`` : one over their variance, but for a factor.
+    """
+
+    at_s: FloatArray
+    off: FloatArray
+    weight: float
+
+
+def without_settling(groups: Groups, model: Model) -> Groups:
+    """Recordings as they are to be compared for their noise: without what a drift that settles
+    makes repeats differ by, if one shows.
+
+    Slopes of a recording against the mean of its drive's, beside shares of the displacement, are
+    fitted by an exponential in the time of the session. Noise has slopes as well, but not in that
+    order (Fisher's law).
+
+    Parameters
+    ----------
+    model : predicts how the displacement goes
+    """
+    slopes = [s for g in groups.groups if (s := _slopes(g, model)) is not None]
+    count = sum(s.off.size - 1 for s in slopes)
+    if count < LEAST + 2 or groups.session_s <= 0.0:
+        return groups
+    fits = [_fitted(slopes, n / groups.session_s) for n in SETTLING]
+    left, rate, settling = min(fits)
+    whole = sum(s.weight * float(s.off @ s.off) for s in slopes)
+    free = count - 2
+    ratio = (whole - left) / 2.0 / max(left / free, 1e-300)
+    if fisher_above(ratio, 2.0, free) > CHANCE:
+        return groups
+    drift = ThermalDrift.of(None, rate=rate, settling=settling)
+    return groups.with_([_at_one_time(g, drift) for g in groups.groups])
+
+
+def _slopes(group: Group, model: Model) -> _Slopes | None:
+    if group.repeats < 2:
+        return None
+    time = group.time_s - group.time_s.mean()
+    moved = group.predicted(model)
+    columns = np.column_stack([np.ones(time.size), time, moved - moved.mean()])
+    off = group.measured_um - group.measured_um.mean(axis=0)
+    fitted = np.linalg.lstsq(columns / (size := np.linalg.norm(columns, axis=0)), off.T)[0]
+    slopes = 1e3 * fitted[1] / size[1]
+    middle = group.starts_s - group.begun_s + 0.5 * (group.time_s[0] + group.time_s[-1])
+    return _Slopes(middle, slopes, float(np.ptp(group.time_s) ** 2))
+
+
+def _fitted(slopes: list[_Slopes], settling: float) -> tuple[float, float, float]:
+    """Weighted squares that are left, the rate at the session's begin, nm/s, and the settling."""
+    above = below = 0.0
+    each = [np.exp(-settling * s.at_s) for s in slopes]
+    each = [e - e.mean() for e in each]
+    for s, e in zip(slopes, each, strict=True):
+        above += s.weight * float(e @ s.off)
+        below += s.weight * float(e @ e)
+    rate = above / max(below, 1e-300)
+    left = sum(
+        s.weight * float(np.sum((s.off - rate * e) ** 2)) for s, e in zip(slopes, each, strict=True)
+    )
+    return left, rate, settling
+
+
+def _at_one_time(group: Group, drift: ThermalDrift) -> Group:
+    own = np.array([
+        added_by(drift, group.time_s + start - group.begun_s, group.drive_v)
+        for start in group.starts_s
+    ])  # fmt: skip
+    return group.with_measured(group.measured_um - own + own.mean(axis=0))
