@@ -12,6 +12,8 @@ import numpy as np
 from piezo_rig.causes import CAUSES
 from piezo_rig.diagnosis.abreast import abreast
 from piezo_rig.diagnosis.confusion import strengths
+from piezo_rig.diagnosis.forms import CARRIES, carries
+from piezo_rig.diagnosis.needed import worth_needed
 from piezo_rig.diagnosis.refit import Fitted, refit, settle
 from piezo_rig.diagnosis.refusals import worse
 from piezo_rig.diagnosis.scan import LATER, FloatArray, Scan, by_speed, scan
@@ -68,12 +70,12 @@ def detour(search: Search) -> bool:
             steps=[replace(s, fitted=less) for s in search.steps if s.cause != member],
             scans=[], barred={member: "without it a better model was found"}, refused_at={},
             spoiled={}, rearranged=True, aside=True, most=min(search.most, len(search.causes) + 1),
-            goal=full.evidence - NEEDED,
+            goal=_worth(search) - NEEDED,
         )  # fmt: skip
         other.forward()
         more = len(other.causes) - len(search.causes)
         better = NEEDED + ONE_MORE * more if more >= 0 else -NEEDED  # than with one to spare
-        if other.fitted.evidence < full.evidence + better:
+        if _worth(other) < _worth(search) + better:
             continue
         if worse(other, other.fitted, full) is not None:
             continue
@@ -81,6 +83,15 @@ def detour(search: Search) -> bool:
         search.scans += other.scans
         return True
     return False
+
+
+def _worth(search: Search) -> float:
+    """Evidence of a ladder beyond what its tables gain by chance, and laws that hang on two half
+    loops: see `Search.grown`.
+    """
+    fitted = search.fitted
+    chance = sum(worth_needed(fitted, c) + CARRIES * carries(fitted, c) for c in search.causes)
+    return fitted.evidence - chance
 
 
 def _one_by_one(search: Search) -> Iterator[tuple[str, Fitted, Scan]]:
