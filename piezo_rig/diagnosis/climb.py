@@ -71,7 +71,7 @@ MUCH_NEARER = 0.5  # the same for one that came to nothing
 # gain of a law let go of, of what any other cause would, while there is one; of what a table would
 PLAINLY, OF_A_TABLE = 2.0, 0.3
 OF_ANOTHER = 1.0  # log-likelihood by a linear look, up to which no other kind of bend is tried
-OF_A_BEND = 0.8  # worth of a bend, of that of a cause, from which on it is the bend
+OF_A_BEND = 0.8  # worth of a bend, of that of a law, from which on it is the bend
 MASKED = 0.5  # worth of a cause, of that of one which was refused for what it predicts
 HOPE = 1.5  # times what the last step of a climb gained that each further one may gain
 PAIR = 2  # causes, each gaining as much as the best by a linear look, that may do for a detour
@@ -271,7 +271,8 @@ class Search:
             tried += self.tried(here, found, bends)
 
         def likely(one: Tried) -> float:
-            return one[0] / (OF_A_BEND if of_base(result.ids[one[1]]) else 1.0)
+            id = result.ids[one[1]]
+            return one[0] * (1.0 if of_base(id) or CAUSES[id].has_elements else OF_A_BEND)
 
         for worth, i, fitted in sorted(carrying(self, tried), key=likely, reverse=True):
             id = result.ids[i]
