@@ -24,7 +24,7 @@ import numpy as np
 from piezo_rig.causes.cause import Cause, Context
 from piezo_rig.chain.stage import Signal, Stage
 
-SETTLING = (2.0, 8.0)  # times that the slope falls to a third within a session
+SETTLING = (0.7, 2.0, 8.0)  # times that the slope falls to a third within a session
 SESSION = 2.0  # recordings that are a session: within one, what settles is creep as well
 
 

@@ -155,7 +155,7 @@ def idle(search: Search) -> bool:
 
     The evidence of a small cause takes what is left for noise. What is left of an unknown effect
     is not: any cause that bends that way gains by it, and none of them says what the next
-    recording will be. Nor is what the assumed law of another member leaves: a table of its own
+    recording will be; nor is one to be named that alone would do, but not beside others. Nor is what the assumed law of another member leaves: a table of its own
     beside others must help in any case, for it bends any way, and not leave as much as it takes.
     Nor is it for any of them to make the next recording worse to predict. (That it is hardly better
     says little: a small fast effect is far below the error of a sample.) More than that is not
@@ -170,11 +170,12 @@ def idle(search: Search) -> bool:
             found = certainties(search.space, search.fitted, tables)
             doubted = [c for c in doubted if found[c] < UNSEEN]
         tried = search.causes if unknown else {*doubted, *_gained_nothing(search)}
+        sure = certainties(search.space, search.fitted, search.causes) if unknown else {}
         for id in reversed([c for c in search.causes if c in tried]):
             search.tell(f"refit without {id}")
             less = refit(search.space, search.fitted.point.without(id), held=True)
             if (unknown and not of_base(id)) or id in doubted:
-                kept = search.helps(less, search.fitted)
+                kept = search.helps(less, search.fitted) and sure.get(id, BESIDE) >= BESIDE
                 kept = kept and not (id in tables and _stands_in(search, less, unknown))
             else:
                 kept = search.error(0, search.fitted) <= LOSES * search.error(0, less)

@@ -14,14 +14,15 @@ from numpy.typing import NDArray
 
 from piezo_rig.causes.cause import added_by
 from piezo_rig.causes.thermal_drift import ThermalDrift
-from piezo_rig.chain import Model
+from piezo_rig.chain import Model, Stage
 from piezo_rig.diagnosis.chances import fisher_above
 from piezo_rig.diagnosis.groups import Group, Groups
 
 FloatArray = NDArray[np.float64]
 SETTLING = tuple(np.geomspace(0.5, 20.0, 8))  # times that the slope falls to a third in a session
-LEAST = 3  # slopes beyond what they are fitted by
-CHANCE = 0.01  # that slopes settle as well by noise
+LEAST = 3  # slopes beyond those that say how steep and how fast
+BOTH = 3.0  # times as likely by chance as with the settling given: simulated, 5 to 20 slopes
+CHANCE = 0.02  # that slopes settle as well by noise
 
 
 class _Slopes(NamedTuple):
@@ -53,9 +54,9 @@ def without_settling(groups: Groups, model: Model) -> Groups:
     fits = [_fitted(slopes, n / groups.session_s) for n in SETTLING]
     left, rate, settling = min(fits)
     whole = sum(s.weight * float(s.off @ s.off) for s in slopes)
-    free = count - 2
-    ratio = (whole - left) / 2.0 / max(left / free, 1e-300)
-    if fisher_above(ratio, 2.0, free) > CHANCE:
+    free = count - 1.0
+    ratio = (whole - left) / max(left / free, 1e-300)
+    if BOTH * fisher_above(ratio, 1.0, free) > CHANCE:
         return groups
     drift = ThermalDrift.of(None, rate=rate, settling=settling)
     return groups.with_([_at_one_time(g, drift) for g in groups.groups])
@@ -89,7 +90,7 @@ def _fitted(slopes: list[_Slopes], settling: float) -> tuple[float, float, float
     return left, rate, settling
 
 
-def _at_one_time(group: Group, drift: ThermalDrift) -> Group:
+def _at_one_time(group: Group, drift: Stage) -> Group:
     own = np.array([
         added_by(drift, group.time_s + start - group.begun_s, group.drive_v)
         for start in group.starts_s

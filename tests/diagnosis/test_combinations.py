@@ -37,3 +37,16 @@ def test_without_repeats_the_condition_of_the_largest_range_does_not_speak_for_a
     assert found.held_out == "condition"
     assert {f.cause for f in found.findings} == {"extremum-dependence", "thermal-drift"}
     assert not found.unexplained.detected
+
+
+@pytest.mark.study
+@pytest.mark.parametrize(("seed", "protocol", "noise", "repeats"), [
+    (2000, "rates", "1/f", 2),  # a law of extrema that keeps its force fits as well, at its price
+    (2000, "shuffled", "1/f", 2),  # the zero settles over the session
+    (3000, "ramps", "1/f", 1),  # the cycles that are held out have no first rise
+])
+def test_of_two_that_look_like_others_each_is_named(seed, protocol, noise, repeats):
+    case = draw("pair", seed, protocol, noise, 40.0, repeats)
+    found = diagnose(case.sweeps)
+    assert {f.cause for f in found.findings} == set(case.truth.causes)
+    assert not found.unexplained.detected

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import sys
 from itertools import pairwise
 from pathlib import Path
@@ -174,8 +173,5 @@ def humped(x, drive, t):
 def test_beside_something_unknown_stands_only_what_helps_to_predict():
     found = diagnose(recordings(humped, seed=5))
     assert found.unexplained.detected
-    # it was named with a gain while the error on conditions that were left out rose by it
-    assert "initiation-stage" not in {f.cause for f in found.findings}
-    (note,) = [n for n in found.notes if "left out of the fit" in n]
-    baseline, everything = (float(w) for w in re.findall(r"([\d.]+) nm", note))
-    assert everything < baseline
+    # an initiation stage, a delay or a lag gain a little by it; none says what comes next
+    assert found.findings == []

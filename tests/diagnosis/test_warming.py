@@ -1,0 +1,91 @@
+"""A zero that settles over the session is no noise, though repeats differ by it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from piezo_rig.diagnosis import diagnose
+from piezo_rig.diagnosis.fit import starting_model
+from piezo_rig.diagnosis.grouping import group_tracks
+from piezo_rig.diagnosis.warming import without_settling
+from piezo_rig.identification import prepare
+from piezo_rig.run_file.sweep import Sweep
+from tests.diagnosis.sliders import play
+
+RATE, NOISE_NM = 1000.0, 3.0
+EVERY_S, SETTLES_S = 60.0, 400.0
+TOPS = (75.0, 30.0, 50.0, 62.0, 40.0)
+LIMITS = np.sort(np.random.default_rng(3).uniform(0.5, 34.0, 30))
+
+
+def slow(rng: np.random.Generator, n: int) -> np.ndarray:
+    """Noise of 3 nm whose low frequencies are the loudest: three relaxations, a decade apart."""
+    parts = []
+    for tau_s in (0.02, 0.2, 2.0):
+        keep = np.exp(-1.0 / RATE / tau_s)
+        drive = rng.standard_normal(n + 8000)
+        parts.append(lfilter([np.sqrt(1.0 - keep**2)], [1.0, -keep], drive)[8000:])
+    return 1e-3 * NOISE_NM * np.sum(parts, axis=0) / np.sqrt(3.0)
+
+
+def session(seed: int, nm_per_s: float) -> list[Sweep]:
+    """Five drives, twice each, while the zero moves by that much less and less."""
+    rng, out = np.random.default_rng(seed), []
+    order = rng.permutation(len(TOPS))
+    for number in range(2 * len(TOPS)):
+        top = TOPS[order[number % len(TOPS)]]
+        time = np.arange(2000) / RATE
+        volts = top * (1.0 - np.abs(2.0 * ((2.0 * time) % 1.0) - 1.0))
+        clock = EVERY_S * number + time
+        moved = -1e-3 * nm_per_s * SETTLES_S * np.expm1(-clock / SETTLES_S)
+        seen = play(volts, LIMITS, 0.0016) + moved + slow(rng, time.size)
+        out.append(Sweep(
+            f"sweep_{number + 1:04d}", volts, seen - seen[0], RATE, 1.0, 0.0, 1.0, 1, 0.0,
+            f"0-{top:g}", number // len(TOPS) + 1, "virgin", EVERY_S * number, "SIMULATED",
+        ))  # fmt: skip
+    return out
+
+
+def compared(sweeps):
+    groups = group_tracks(prepare(sweeps), sweeps)
+    return groups, without_settling(groups, starting_model(groups, (), "classical"))
+
+
+def differs_nm(groups) -> float:
+    """Rms of what two recordings of a drive differ by, offsets off."""
+    off = [np.diff(g.measured_um, axis=0).ravel() for g in groups.groups]
+    return 1e3 * float(np.sqrt(np.mean([(d - d.mean()) ** 2 for d in off])))
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_repeats_are_compared_without_a_drift_that_settles(seed):
+    groups, settled = compared(session(seed, 30.0))
+    _, quiet = compared(session(seed, 0.0))
+    assert differs_nm(groups) > 1.5 * differs_nm(quiet)
+    assert differs_nm(settled) == pytest.approx(differs_nm(quiet), rel=0.1)
+
+
+def test_noise_alone_is_left_as_it_is():
+    """But for one session in fifty, whose slopes happen to settle."""
+    same = 0
+    for seed in range(40):
+        groups, settled = compared(session(100 + seed, 0.0))
+        same += settled is groups
+    assert same >= 38
+
+
+def test_recordings_without_a_twin_are_left_as_they_are():
+    groups, settled = compared(session(1, 30.0)[: len(TOPS)])
+    assert settled is groups
+
+
+@pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.study),
+                                  pytest.param(3, marks=pytest.mark.study)])  # fmt: skip
+def test_the_drift_is_found(seed):
+    found = diagnose(session(seed, 30.0))
+    assert [f.cause for f in found.findings] == ["thermal-drift"]
+    assert found.findings[0].parameters["rate"].value > 0.0
+    assert found.rungs[-1].rms_nm < 1.25 * NOISE_NM
+    assert not found.unexplained.detected
