@@ -124,6 +124,8 @@ class Cause(Stage):
     of_speed : it is told from the model's own loop by half loops that differ in speed, or just
         after a corner alone, where a loop stands still and it does not
     at_corners : at one speed it shows there alone too, though no loop does the like
+    like_no_other : what it does is like nothing that a model may get wrong: where it is plain,
+        whatever else is wrong is no reason against it
     needs_first_rise : it can show only where the data hold a first rise from rest
     needs_known_order : it can be told only where every recording begins virgin, at a known time,
         and the model has no elements of its own for the first rise
@@ -151,6 +153,7 @@ class Cause(Stage):
     brings_along: ClassVar[tuple[str, ...]] = ()
     of_speed: ClassVar[bool] = False
     at_corners: ClassVar[bool] = False
+    like_no_other: ClassVar[bool] = False
     needs_first_rise: ClassVar[bool] = False
     needs_known_order: ClassVar[bool] = False
     needs_fixed_model: ClassVar[bool] = False

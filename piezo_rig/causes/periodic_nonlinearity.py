@@ -31,6 +31,7 @@ class PeriodicNonlinearity(Cause):
 
     id = "periodic-nonlinearity"
     place = "sensor"
+    like_no_other = True
     together = True
     units: ClassVar[Mapping[str, str]] = {
         "sine": "nm",

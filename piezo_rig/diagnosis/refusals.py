@@ -20,6 +20,7 @@ NEAR = 1.1  # held-out error of a rival, of the best one's
 HARDLY = 0.2  # of the noise: what rivals may leave beside it, and none is the better for it
 OFF = 2.5  # an effect must be so many times what a law may be off by
 FAR_OFF, HELPS = 2.0, 0.97  # so many times the noise; held-out error after a step, of that before
+PLAIN = 100.0  # log-likelihood of what is like nothing that a model gets wrong
 MUCH = 0.8  # the same where a model is held fixed and lacks what the actuator has
 OF_A_CORNER = "at one speed it shows just after corners alone, and explains little of what is amiss"
 # squared error beyond the noise, of that before, with a cause that shows at corners alone
@@ -75,8 +76,16 @@ def worse(
     before = search.error(0, than)
     helps = MUCH if search.space.loose else HELPS
     if before > FAR_OFF * search.noise_nm and search.error(0, fitted) > helps * before:
-        return OF_THE_MISFIT
+        return None if like_no_other(fitted, than) else OF_THE_MISFIT
     return None
+
+
+def like_no_other(fitted: Fitted, than: Fitted) -> bool:
+    """Whether what an extension adds is plain, and like nothing that a model may get wrong."""
+    known = {s.id for s in than.point.model.stages}
+    new = [s for s in fitted.point.model.stages if s.id not in known]
+    special = bool(new) and all(isinstance(s, Cause) and s.like_no_other for s in new)
+    return special and fitted.evidence > than.evidence + PLAIN
 
 
 def of_a_corner(search: Search, fitted: Fitted, here: Fitted, id: str) -> str | None:

@@ -18,7 +18,7 @@ from piezo_rig.diagnosis.held_out import without_first_rises
 from piezo_rig.diagnosis.ladder import Ladder, Step
 from piezo_rig.diagnosis.needed import needless, plain_bend, worth_needed
 from piezo_rig.diagnosis.refit import Fitted, refit, settle, wholly
-from piezo_rig.diagnosis.refusals import of_a_law
+from piezo_rig.diagnosis.refusals import like_no_other, of_a_law
 from piezo_rig.diagnosis.scan import of_base
 from piezo_rig.diagnosis.space import Space
 from piezo_rig.diagnosis.unexplained import unexplained
@@ -155,8 +155,9 @@ def idle(search: Search) -> bool:
 
     The evidence of a small cause takes what is left for noise. What is left of an unknown effect
     is not: any cause that bends that way gains by it, and none of them says what the next
-    recording will be; nor is one to be named that alone would do, but not beside others. Nor is what the assumed law of another member leaves: a table of its own
-    beside others must help in any case, for it bends any way, and not leave as much as it takes.
+    recording will be; it must be as plain as beside other causes. Nor is what the assumed law of
+    another member leaves: a table of its own beside others must help in any case, for it bends any
+    way, and not leave as much as it takes.
     Nor is it for any of them to make the next recording worse to predict. (That it is hardly better
     says little: a small fast effect is far below the error of a sample.) More than that is not
     asked of what belongs to the base: without it others would stand in for it.
@@ -176,6 +177,7 @@ def idle(search: Search) -> bool:
             less = refit(search.space, search.fitted.point.without(id), held=True)
             if (unknown and not of_base(id)) or id in doubted:
                 kept = search.helps(less, search.fitted) and sure.get(id, BESIDE) >= BESIDE
+                kept = kept or like_no_other(search.fitted, less)
                 kept = kept and not (id in tables and _stands_in(search, less, unknown))
             else:
                 kept = search.error(0, search.fitted) <= LOSES * search.error(0, less)

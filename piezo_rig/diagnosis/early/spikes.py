@@ -16,7 +16,8 @@ from piezo_rig.diagnosis.groups import Group, Groups
 FloatArray = NDArray[np.float64]
 FAR, NEARER = 8.0, 5.5  # robust standard deviations: of the first, and where there are some
 SHARP = 0.5  # of a spike's height between neighbouring samples, on both sides
-BACK = 0.35  # of its height that a spike may leave behind
+BACK, NOISY = 0.35, 3.0  # of its height that a spike may leave behind; standard deviations, if more
+TURNS = 2  # in which smaller ones are looked for beside those that are known
 NEAR = 41  # samples whose scatter a spike must stand out of
 OF_TURNS = 2e-3  # chance of so many spikes at turning points, below which they are no accidents
 LONGEST = 5  # samples; what lasts longer is no spike
@@ -73,13 +74,18 @@ def find_spikes(groups: Groups, model: Model) -> Spikes:
     """Samples that stand far off their neighbours on both sides, against a model's prediction.
 
     A first one has to stand out of everything. Where there are such, what stands out of its
-    surroundings alone is one as well: a rate that counts the tall ones only is too low.
+    surroundings alone is one as well: a rate that counts the tall ones only is too low. How far
+    samples scatter is seen without those that are known.
     """
-    first = _found(groups, model, FAR)
-    if not first.spikes:
-        return first
-    every = _found(groups, model, NEARER)
-    return replace(every, p_value=first.p_value) if _credible(every, groups) else first
+    first = found = _found(groups, model, FAR)
+    for _ in range(TURNS):
+        if not found.spikes:
+            break
+        every = _found(groups, model, NEARER, found.groups)
+        if not _credible(every, groups):
+            break
+        found = replace(every, p_value=first.p_value)
+    return found
 
 
 def _credible(found: Spikes, groups: Groups) -> bool:
@@ -88,17 +94,24 @@ def _credible(found: Spikes, groups: Groups) -> bool:
     return samples * 2.0 * normal_above(NEARER) < BY_CHANCE * len(found.spikes)
 
 
-def _found(groups: Groups, model: Model, far: float) -> Spikes:
-    """All that stand out by so many standard deviations."""
+def _found(groups: Groups, model: Model, far: float, quiet: Groups | None = None) -> Spikes:
+    """All that stand out by so many standard deviations.
+
+    ``quiet`` : the recordings without those that are known
+    """
     cleaned, spikes, seconds, samples = [], list[Spike](), 0.0, 0
-    for g, group in enumerate(groups.groups):
+    for g, (group, known) in enumerate(zip(groups.groups, (quiet or groups).groups, strict=True)):
         predicted = group.predicted(model)
+        usual = known.measured_um
         speed = _speed(predicted) if group.repeats == 1 else None
         marks = np.array([
-            _marks(row - predicted, groups.travel_um, far, speed) for row in group.measured_um
+            _marks(row - predicted, calm - predicted, groups.travel_um, far, speed)
+            for row, calm in zip(group.measured_um, usual, strict=True)
         ])
         if group.repeats > 1:  # what every repeat shows at the same place is no accident
-            marks &= np.array([_alone(group.measured_um, k, far) for k in range(group.repeats)])
+            marks &= np.array([
+                _alone(group.measured_um, usual, k, far) for k in range(group.repeats)
+            ])
         else:  # nor is what turning points show, one after the other
             marks[0] &= ~_at_turns(group, marks[0])
         rows = []
@@ -147,28 +160,34 @@ def _at_speed(off: FloatArray, speed: FloatArray, far: float) -> FloatArray:
 
 
 def _marks(
-    residual: FloatArray, travel_um: float, far: float, speed: FloatArray | None
+    residual: FloatArray, usual: FloatArray, travel_um: float, far: float,
+    speed: FloatArray | None,
 ) -> NDArray[np.bool_]:
-    """``speed`` : of the prediction, where there is nothing else to tell a model's errors by"""
-    off = _off(residual)
-    sigma = 1.4826 * float(np.median(np.abs(off)))
+    """
+    Parameters
+    ----------
+    usual : the residual without spikes that are known
+    speed : of the prediction, where there is nothing else to tell a model's errors by
+    """
+    off, calm = _off(residual), _off(usual)
+    sigma = 1.4826 * float(np.median(np.abs(calm)))
     # heavy tails and slow noise must not pass for spikes
-    spread = (np.percentile(off, 99) - np.percentile(off, 1)) / 4.65
+    spread = (np.percentile(calm, 99) - np.percentile(calm, 1)) / 4.65
     # nor must a stretch that the model does badly, where each step of the drive shows
-    local = 1.4826 * ndimage.median_filter(np.abs(off), NEAR, mode="nearest")
+    local = 1.4826 * ndimage.median_filter(np.abs(calm), NEAR, mode="nearest")
     least = np.maximum(local, max(sigma, float(spread), SMALLEST * travel_um))
     if speed is not None:
-        least = np.maximum(least, _at_speed(off, speed, far))
+        least = np.maximum(least, _at_speed(calm, speed, far))
     mark = np.abs(off) > far * least
     mark[:2] = mark[-2:] = False
     edges = np.flatnonzero(np.diff(np.concatenate([[0], mark.astype(np.int8), [0]])))
     for a, b in zip(edges[::2], edges[1::2], strict=True):
-        if b - a > LONGEST or not _sharp(residual, off, int(a), int(b)):
+        if b - a > LONGEST or not _sharp(residual, off, least, int(a), int(b)):
             mark[a:b] = False
     return mark if mark.mean() < MOST else np.zeros_like(mark)
 
 
-def _sharp(residual: FloatArray, off: FloatArray, a: int, b: int) -> bool:
+def _sharp(residual: FloatArray, off: FloatArray, least: FloatArray, a: int, b: int) -> bool:
     """Whether samples a..b - 1 leave their neighbours and come back at once, as no model's error.
 
     A break point that a model has in the wrong place makes a hump of some samples.
@@ -176,16 +195,19 @@ def _sharp(residual: FloatArray, off: FloatArray, a: int, b: int) -> bool:
     height = float(np.max(np.abs(off[a:b])))
     steps = abs(residual[a] - residual[a - 1]), abs(residual[b] - residual[b - 1])
     back = abs(residual[b] - residual[a - 1])
-    return bool(min(steps) > SHARP * height and back < BACK * height)
+    most = max(BACK * height, NOISY * float(np.max(least[a:b])))
+    return bool(min(steps) > SHARP * height and back < most)
 
 
-def _alone(rows: FloatArray, k: int, far: float) -> NDArray[np.bool_]:
-    """Where recording k stands off the mean of the others as well."""
-    apart = rows[k] - np.delete(rows, k, axis=0).mean(axis=0)
-    off = _off(apart)
-    sigma = 1.4826 * float(np.median(np.abs(off)))
+def _alone(
+    rows: FloatArray, usual: FloatArray, k: int, far: float
+) -> NDArray[np.bool_]:
+    """Where recording k stands off the mean of the others as well; these without what is known."""
+    others = np.delete(usual, k, axis=0).mean(axis=0)
+    off, calm = _off(rows[k] - others), _off(usual[k] - others)
+    sigma = 1.4826 * float(np.median(np.abs(calm)))
     # a coarse sensor repeats itself exactly most of the time
-    spread = (np.percentile(off, 99) - np.percentile(off, 1)) / 4.65
+    spread = (np.percentile(calm, 99) - np.percentile(calm, 1)) / 4.65
     return np.asarray(np.abs(off) > 0.75 * far * max(sigma, float(spread)))
 
 
