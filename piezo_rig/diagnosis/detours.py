@@ -89,9 +89,11 @@ def _worth(search: Search) -> float:
     """Evidence of a ladder beyond what its tables gain by chance, and laws that hang on two half
     loops: see `Search.grown`.
     """
-    fitted = search.fitted
-    chance = sum(worth_needed(fitted, c) + CARRIES * carries(fitted, c) for c in search.causes)
-    return fitted.evidence - chance
+    fitted, members = search.fitted, search.causes
+    return fitted.evidence - sum(
+        worth_needed(fitted, s.id) + CARRIES * carries(fitted, s.id)
+        for s in fitted.point.model.stages if s.id in members
+    )
 
 
 def _one_by_one(search: Search) -> Iterator[tuple[str, Fitted, Scan]]:

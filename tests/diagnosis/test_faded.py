@@ -114,6 +114,28 @@ def test_a_detour_with_one_member_more_must_be_plainly_better(fitted, monkeypatc
         assert detours.detour(search) == better
 
 
+@pytest.mark.parametrize(("keeps_its_force", "better"), [(False, True), (True, False)])
+def test_a_detour_to_a_law_that_keeps_its_force_must_be_worth_that(
+    fitted, monkeypatch, keeps_its_force, better
+):
+    """As where such a law is chosen at first; and a little more evidence is enough for others."""
+    space, one, both = fitted
+    here, there = replace(both, evidence=0.0), replace(both, evidence=10.0)
+    monkeypatch.setattr(detours, "rivals_of", lambda *_: ["extremum-dependence"])
+    monkeypatch.setattr(detours, "_one_by_one", lambda search: [("creep", one, SCANNED)])
+    monkeypatch.setattr("piezo_rig.diagnosis.detours.worse", lambda *_: None)
+    monkeypatch.setattr(detours, "carries", lambda f, id: (
+        keeps_its_force and f is there and id == both.point.names[0][0]
+    ))  # fmt: skip
+    members = list(dict.fromkeys(id for id, _ in both.point.names))
+    monkeypatch.setattr(Search, "forward", lambda self: setattr(
+        self, "steps", [Step(c, 1e-9, there) for c in members]
+    ))  # fmt: skip
+    search = Search(space, one, np.random.default_rng(0), quiet, [], 2.0, 0,
+                    lambda less, full: True, [Step(c, 1e-9, here) for c in members])  # fmt: skip
+    assert detours.detour(search) == better
+
+
 def test_a_detour_that_does_without_a_member_need_not_be_better(fitted, monkeypatch):
     space, one, both = fitted
     monkeypatch.setattr(Search, "forward", lambda self: None)

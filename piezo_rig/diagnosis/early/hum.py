@@ -37,7 +37,6 @@ FURTHER = 4  # times that the likeliest frequency is looked for further out
 LONG_S = 0.3  # a recording must last this long
 SUSPECTED = 0.05  # chance of a line, below which it is looked at any closer
 FURTHEST_HZ = 0.35  # that mains are off their frequency
-PLAIN = 3.5  # standard errors of its amplitude that there must be of it, all recordings together
 AGREE = 0.9  # of the lines of all drives, that is left of them when they are added up
 
 
@@ -154,8 +153,7 @@ def _strongest(
         return None
     if min(abs(frequency - f) for f in FUNDAMENTALS_HZ) > FURTHEST_HZ:
         return None
-    found = removed(groups, model, frequency, best[0], spread_hz)
-    return found if found.amplitude_nm > PLAIN * found.error_nm else None
+    return removed(groups, model, frequency, best[0], spread_hz)
 
 
 def agreeing(rows: list[Row], f: float) -> bool:

@@ -87,6 +87,17 @@ def test_a_hum_beside_several_sines_is_found_all_the_same(hz):
     assert found.amplitude_nm == pytest.approx(4.0, rel=0.15)
 
 
+@pytest.mark.parametrize("hz", [49.5, 60.5])
+def test_what_is_further_off_than_mains_ever_are_is_no_hum(hz):
+    """A pump, or a fan: a line that has no name here. In 2 s it is hardly another frequency."""
+    short = TIME < 2.0
+    drive = sines(3.0, 4.0, 10.0)[short]
+    line = 4e-3 * np.sin(2.0 * np.pi * hz * TIME[short] + 0.4)
+    groups = groups_of(recorded(drive, played(drive) + line, 2))
+    found = find_hum(groups, baseline(groups))
+    assert found is None or found.p_value * COUNT > LEVEL
+
+
 def test_a_line_elsewhere_is_another_hum_beside_a_better_model():
     drive = sines(3.0, 4.0, 10.0)
     hum = 4e-3 * np.sin(2.0 * np.pi * 50.02 * TIME)
