@@ -31,6 +31,7 @@ from piezo_rig.chain.stage import Signal, Stage
 REFERENCE_V_PER_S = 300.0
 USUAL_S = 3e-3
 WINDOWS_S = (0.5e-3, 2e-3, 8e-3)
+LONGEST_S = 0.03  # what takes longer to settle is creep
 LOW, HIGH = 0.4, 1.0  # exponents of the two examples
 LARGE_EXPONENTS, LARGE_TIMES = (0.4, 0.7, 1.0), (0.5, 1.0, 2.0, 4.0, 8.0)  # from which one begins
 
@@ -58,7 +59,7 @@ class RateDependence(Cause):
     neutral: ClassVar[Mapping[str, float]] = {"exponent": 0.7}
     priors: ClassVar[Mapping[str, tuple[float, float]]] = {"exponent": (0.7, 0.2)}
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {
-        "lag_um": (0.0, np.inf), "exponent": (0.1, 2.0), "window_s": (1e-5, 1.0),
+        "lag_um": (0.0, np.inf), "exponent": (0.1, 2.0), "window_s": (1e-5, LONGEST_S),
     }
 
     def late_s(self, um_per_v: float) -> float:
