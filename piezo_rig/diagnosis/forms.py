@@ -318,7 +318,8 @@ def summit(space: Space, fitted: Fitted, id: str) -> Fitted:
                 break
             step *= 0.5
     likeliest = max(known.values(), key=lambda f: f.evidence)
-    return refit(space, likeliest.point, steps=2, held=True)
+    there = refit(space, likeliest.point, steps=2, held=True)
+    return there if there.evidence > fitted.evidence - BETTER else fitted
 
 
 def _forms(space: Space, fitted: Fitted, id: str, than: Fitted) -> list[Fitted]:
