@@ -63,16 +63,17 @@ def without_settling(groups: Groups, model: Model) -> Groups:
 
 
 def _slopes(group: Group, model: Model) -> _Slopes | None:
+    """Of what is known of the memory of; None of a drive that was recorded once."""
     if group.repeats < 2:
         return None
-    time = group.time_s - group.time_s.mean()
-    moved = group.predicted(model)
-    columns = np.column_stack([np.ones(time.size), time, moved - moved.mean()])
-    off = group.measured_um - group.measured_um.mean(axis=0)
-    fitted = np.linalg.lstsq(columns / (size := np.linalg.norm(columns, axis=0)), off.T)[0]
-    slopes = 1e3 * fitted[1] / size[1]
-    middle = group.starts_s - group.begun_s + 0.5 * (group.time_s[0] + group.time_s[-1])
-    return _Slopes(middle, slopes, float(np.ptp(group.time_s) ** 2))
+    known = slice(group.blocks[0][0], group.blocks[-1][1])
+    time, moved = group.time_s[known], group.predicted(model)[known]
+    columns = np.column_stack([np.ones(time.size), time - time.mean(), moved - moved.mean()])
+    size = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)  # the drive may stand still
+    off = (group.measured_um - group.measured_um.mean(axis=0))[:, known]
+    slopes = 1e3 * np.linalg.lstsq(columns / size, off.T)[0][1] / size[1]
+    middle = group.starts_s - group.begun_s + 0.5 * (time[0] + time[-1])
+    return _Slopes(middle, slopes, float(np.ptp(time) ** 2))
 
 
 def _fitted(slopes: list[_Slopes], settling: float) -> tuple[float, float, float]:
@@ -91,6 +92,7 @@ def _fitted(slopes: list[_Slopes], settling: float) -> tuple[float, float, float
 
 
 def _at_one_time(group: Group, drift: Stage) -> Group:
+    """As if the recordings had been made at the mean of their times, as far as a drift goes."""
     own = np.array([
         added_by(drift, group.time_s + start - group.begun_s, group.drive_v)
         for start in group.starts_s

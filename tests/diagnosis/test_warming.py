@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.signal import lfilter
@@ -74,6 +76,14 @@ def test_noise_alone_is_left_as_it_is():
         groups, settled = compared(session(100 + seed, 0.0))
         same += settled is groups
     assert same >= 38
+
+
+def test_a_drive_that_stands_still_says_what_it_can():
+    groups, _ = compared(session(1, 0.0))
+    model = starting_model(groups, (), "classical")
+    still = groups.with_([replace(g, drive_v=np.full_like(g.drive_v, 5.0)) for g in groups.groups])
+    settled = without_settling(still, model)
+    assert all(np.all(np.isfinite(g.measured_um)) for g in settled.groups)
 
 
 def test_recordings_without_a_twin_are_left_as_they_are():
