@@ -29,6 +29,7 @@ from piezo_rig.chain.stage import Parameter, Signal, Stage
 NEVER_V = 1000.0  # no piezo amplifier of this kind goes there
 SHARES = (0.0004, 0.0008, 0.0013, 0.002, 0.003, 0.0045, 0.0065, 0.009, 0.012, 0.02, 0.03, 0.05,
           0.08, 0.12, 0.17, 0.24, 0.32)  # cut off  # fmt: skip
+MORE = (0.0, 0.5, 1.0)  # of what is cut off at one end, cut off besides at the other
 WITHIN = 4.0  # times the drive's noise
 
 
@@ -72,11 +73,17 @@ class DriveClipping(Cause):
         return max(self["lower"] - low, high - self["upper"]) > WITHIN * context.noise_v
 
     def also(self, context: Context) -> list[Stage]:
-        """Clipped at the other end as well."""
-        ends = {"lower": _near(context, 0), "upper": _near(context, 1)}
+        """Clipped at the other end as well, and as much or half as much more at this one.
+
+        In closed loops of one size a limit at one end does what is the difference of two.
+        """
+        this, other = ("upper", "lower") if abs(self["lower"]) >= NEVER_V else ("lower", "upper")
+        if abs(self[other]) < NEVER_V:
+            return []
+        end = int(other == "upper")
         return [
-            self.with_values(**{name: level})
-            for name, levels in ends.items() if abs(self[name]) >= NEVER_V for level in levels
+            self.with_values(**{other: v, this: self[this] + share * (context.ends_v[end] - v)})
+            for share in MORE for v in _near(context, end)
         ]  # fmt: skip
 
     @classmethod

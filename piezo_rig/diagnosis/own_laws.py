@@ -9,10 +9,9 @@ import numpy as np
 
 from piezo_rig.causes import CAUSES
 from piezo_rig.causes.cause import Cause
-from piezo_rig.chain import Stage
 from piezo_rig.diagnosis.fit import Point
 from piezo_rig.diagnosis.likelihood import Likelihood
-from piezo_rig.diagnosis.put_in import descended
+from piezo_rig.diagnosis.put_in import all_free, descended
 from piezo_rig.diagnosis.reduction import reduce
 from piezo_rig.diagnosis.refit import Fitted, settle, wholly
 from piezo_rig.diagnosis.refusals import worse
@@ -83,7 +82,7 @@ def also(search: Search, here: Fitted, best: float) -> bool:
             continue
         search.tell(f"refit with more of {id}")
         point = Point(model.with_stage(form), here.point.fixed, here.point.sizes)
-        fitted = descended(search.space, _all_free(point, form), here, most)
+        fitted = descended(search.space, all_free(point, form), here, most)
         if fitted.evidence - here.evidence > max(MORE, best) and (
             worse(search, fitted, here) is None
         ):  # fmt: skip
@@ -92,18 +91,6 @@ def also(search: Search, here: Fitted, best: float) -> bool:
             prune(search)
             return True
     return False
-
-
-def _all_free(point: Point, stage: Stage) -> Point:
-    """With all parameters of a stage that are away from doing nothing."""
-    assert isinstance(stage, Cause)
-    free = {n for id, n in point.names if id == stage.id}
-    more = [
-        (stage.id, n, abs(stage[n] - stage.neutral.get(n, 0.0)) / stage.sharp.get(n, 1.0))
-        for n in stage.parameters
-        if n not in free and n not in stage.given and stage[n] != stage.neutral.get(n, 0.0)
-    ]  # fmt: skip
-    return replace(point, sizes=(*point.sizes, *more))
 
 
 def promised(search: Search, here: Fitted, point: Point) -> float:

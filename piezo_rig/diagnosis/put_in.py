@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 
 import numpy as np
 
 from piezo_rig.causes.cause import Cause
+from piezo_rig.chain import Stage
 from piezo_rig.chain.bend import Bend
 from piezo_rig.diagnosis.abreast import abreast
 from piezo_rig.diagnosis.fit import Point
@@ -21,7 +23,7 @@ from piezo_rig.diagnosis.forms import (
 )
 from piezo_rig.diagnosis.needed import does_nothing, needless
 from piezo_rig.diagnosis.refit import Fitted, refit, refit_either_way, settle, square_of
-from piezo_rig.diagnosis.scan import Found, extended, of_base
+from piezo_rig.diagnosis.scan import Found, context_of, extended, of_base
 from piezo_rig.diagnosis.space import Space
 from piezo_rig.errors import InputError
 
@@ -97,14 +99,54 @@ def _from_either_end(space: Space, here: Fitted, found: Found, i: int, point: Po
         columns, trials = max(end, key=lambda f: found.likelihood.evidence(f[0]))
         begun = extended(space, here, candidate, columns, found.likelihood, trials)
         points += [replace(begun, model=begun.model.with_stage(t)) for _, (t,) in end]
+    return _nearest(space, here, points, candidate.id) or point
+
+
+def _at_the_other_end(space: Space, here: Fitted, fitted: Fitted, id: str) -> Fitted:
+    """A large level with one at the other end as well, where that says plainly more.
+
+    Clipped at both ends a recording is predicted badly by a limit at either of them.
+    """
+    model = fitted.point.model
+    stage = model.stage(id)
+    if not isinstance(stage, Cause) or not stage.sharp:
+        return fitted
+    forms = stage.also(context_of(space, model))
+    points = [all_free(replace(fitted.point, model=model.with_stage(f)), f) for f in forms]
+    begun = _nearest(space, fitted, points, id)
+    if begun is None:
+        return fitted
+    both = descended(space, begun, here, fitted.evidence - here.evidence)
+    return both if both.evidence > fitted.evidence + LARGE else fitted
+
+
+def all_free(point: Point, stage: Stage) -> Point:
+    """With all parameters of a stage that are away from doing nothing."""
+    assert isinstance(stage, Cause)
+    free = {n for id, n in point.names if id == stage.id}
+    more = [
+        (stage.id, n, abs(stage[n] - stage.neutral.get(n, 0.0)) / stage.sharp.get(n, 1.0))
+        for n in stage.parameters
+        if n not in free and n not in stage.given and stage[n] != stage.neutral.get(n, 0.0)
+    ]  # fmt: skip
+    return replace(point, sizes=(*point.sizes, *more))
+
+
+def _nearest(space: Space, here: Fitted, points: Sequence[Point], id: str) -> Point | None:
+    """Of models with a level somewhere else each, the one that leaves least; None if none can be
+    played.
+    """
+    if not points:
+        return None
     left = np.full(len(points), np.inf)
     for _ in range(TWICE):  # some of all, then those about the best of them
-        k = int(np.argmin(left))
-        near = range(max(k - EVERY + 1, 0), min(k + EVERY, len(points)))
-        looked = near if np.isfinite(left[k]) else range(0, len(points), EVERY)
-        made = [partial(_left_with, space, points[j], candidate.id) for j in looked]
+        looked = range(0, len(points), EVERY)
+        if np.isfinite(left).any():
+            k = int(np.argmin(left))
+            looked = range(max(k - EVERY + 1, 0), min(k + EVERY, len(points)))
+        made = [partial(_left_with, space, points[j], id) for j in looked]
         left[list(looked)] = abreast(space, made, here.parts)
-    return points[int(np.argmin(left))] if np.isfinite(left).any() else point
+    return points[int(np.argmin(left))] if np.isfinite(left).any() else None
 
 
 def _far_off(space: Space, fitted: Fitted) -> bool:
@@ -137,6 +179,7 @@ def refitted(space: Space, here: Fitted, found: Found, i: int) -> Fitted | None:
             if there is not point:
                 other = descended(space, there, here, promised)
                 fitted = max(fitted, other, key=lambda f: f.evidence)
+            fitted = _at_the_other_end(space, here, fitted, candidate.id)
         if fitted.evidence > here.evidence + LARGE:
             fitted = further(space, fitted, candidate.id)
         fitted = beside_kinks(space, fitted, candidate.id)

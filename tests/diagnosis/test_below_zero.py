@@ -39,6 +39,20 @@ def test_a_drive_that_is_clipped_is_told_with_every_limit(amplifier, limits):
         assert found.findings[0].parameters[name].value == pytest.approx(true, abs=0.02)
 
 
+@pytest.mark.parametrize(("low", "high", "amplifier"), [
+    (-60.0, 60.0, both),
+    pytest.param(5.0, 75.0, lambda v: np.clip(v, 10.0, 66.0), marks=pytest.mark.study),
+])  # fmt: skip
+def test_in_one_sweep_a_limit_at_one_end_is_not_the_difference_of_two(low, high, amplifier):
+    # closed loops of one size cannot tell: the way there and back can
+    found = diagnose(recordings(conditions=(("all", low, high),), before=amplifier))
+    assert [f.cause for f in found.findings] == ["drive-clipping"]
+    assert not found.unexplained.detected
+    limits = found.findings[0].parameters
+    ends = amplifier(np.array([-100.0, 100.0]))
+    assert [limits["lower"].value, limits["upper"].value] == pytest.approx(ends, abs=0.02)
+
+
 def test_a_sensor_that_ends_below_its_zero_is_told_with_its_level():
     def ends(x, t, rng):
         return np.maximum(x, x[0] - 5.0)
@@ -62,10 +76,12 @@ def test_examples_lie_within_what_was_played_or_seen(id, parameter, context):
     assert all(low < x < high for x in inside)
 
 
-def test_what_is_clipped_at_one_end_may_be_so_at_the_other():
+def test_what_is_clipped_at_one_end_may_be_so_at_the_other_and_more_at_this_one():
     data = Context(None, 6.0, 80.0, np.array([100.0]), 1e-3, 1.0, 1e3, ends_v=(-40.0, 40.0))
     stage = CAUSES["drive-clipping"].of(None, lower=-1000.0, upper=30.0)
     more = stage.also(data)
-    assert more
-    assert all(s["upper"] == 30.0 and -40.0 < s["lower"] < 0.0 for s in more)
+    cut = np.array([s["lower"] + 40.0 for s in more])
+    besides = np.array([30.0 - s["upper"] for s in more])
+    assert ((cut > 0.0) & (cut < 40.0)).all()
+    assert set(np.round(besides / cut, 9)) == {0.0, 0.5, 1.0}
     assert not more[0].also(data)
