@@ -176,6 +176,10 @@ class Cause(Stage):
         """Itself, doing besides what it does not do yet; for a diagnosis that has found it."""
         return []
 
+    def less(self) -> list[Stage]:
+        """Itself, each without one of several things that it does."""
+        return []
+
     @classmethod
     def finer(cls, trials: Sequence[Stage]) -> list[list[Stage]]:
         """Examples about the form that fitted best, of which a refit begins at the best.

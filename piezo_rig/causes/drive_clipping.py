@@ -86,6 +86,12 @@ class DriveClipping(Cause):
             for share in MORE for v in _near(context, end)
         ]  # fmt: skip
 
+    def less(self) -> list[Stage]:
+        """With the limit at one end only."""
+        if max(abs(self["lower"]), abs(self["upper"])) >= NEVER_V:
+            return []
+        return [self.with_values(lower=-NEVER_V), self.with_values(upper=NEVER_V)]
+
     @classmethod
     def begun(cls, trials: Sequence[Stage], shares: FloatArray) -> Stage:
         return trials[0]

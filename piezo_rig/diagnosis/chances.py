@@ -26,8 +26,14 @@ def normal_half_width() -> float:
     return float(special.ndtri(TWO_SIDED))
 
 
-def as_held(low: float, high: float) -> tuple[float, float]:
-    """An interval as a fit has it, as wide as intervals have to be to hold."""
+def as_held(low: float, high: float, logarithmic: bool = False) -> tuple[float, float]:
+    """An interval as a fit has it, as wide as intervals have to be to hold.
+
+    ``logarithmic`` : of what is above zero, and known by its ratio
+    """
+    if logarithmic:
+        wide = as_held(float(np.log(low)), float(np.log(high)))
+        return float(np.exp(wide[0])), float(np.exp(wide[1]))
     middle, half = 0.5 * (low + high), 0.5 * AS_HELD * (high - low)
     return middle - half, middle + half
 

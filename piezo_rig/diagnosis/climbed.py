@@ -266,7 +266,8 @@ def _at_their_reaches(out: Climbed, tell: Callable[[str], None]) -> Climbed:
             out.ladder = replace(out.ladder, steps=(*before, replace(step, fitted=there)))
     out.ladder, out.known = at_their_reaches(out.space, out.ladder, out.error_nm, out.known)
     out.spread = {
-        name: as_held(*ci) for known in out.known.values() for name, ci in known.intervals.items()
+        name: as_held(*ci, logarithmic=name[1] == "reach")
+        for known in out.known.values() for name, ci in known.intervals.items()
     }
     out.ladder = faded(out.space, out.ladder, tell)
     last = out.ladder.last

@@ -77,16 +77,21 @@ class Scan:
     def close(self, good: NDArray[np.int64]) -> list[int]:
         """Which of the good ones are refitted to compare, the likeliest first.
 
-        Of those that go by speed the likeliest alone: see `alike`.
+        Of those that go by speed the likeliest alone: see `alike`. Bends stand beside what has a
+        name, in nobody's place: what bends most looks like one, until it is fitted at its size.
         """
         order = good[np.argsort(-self.excess[good])]
-        least = CLOSE * self.excess[order[0]]
+        bends = [int(i) for i in order if of_base(self.ids[i])]
+        named = [i for i in order if i not in bends]
+        least = CLOSE * max((self.excess[i] for i in named), default=np.inf)
+        bends = [i for i in bends if not named or self.excess[i] >= CLOSE * self.excess[order[0]]]
+        order = np.array(named, dtype=np.int64)
         close = [int(i) for i in order if self.excess[i] >= least]
         several = [i for i in close if not by_speed(self.ids[i])][:RUN_OFF]
         close = [i for k, i in enumerate(close) if i in several or k < RUN_OFF]
         late = [i for i in close if by_speed(self.ids[i])][1:]
-        close = [i for i in close if i not in late]
-        if any(of_base(self.ids[i]) for i in close):  # bends are large: a linear look misleads
+        close = [*bends, *(i for i in close if i not in late)]
+        if bends:  # they are large: a linear look misleads
             close += [i for i, id in enumerate(self.ids) if of_base(id) and i not in close]
         return close
 

@@ -108,6 +108,8 @@ def prune(search: Search) -> None:
             search.tell(f"refit without {id}")
             search.drop(id, new, refit(search.space, new.fitted.point.without(id), held=True))
             new = search.steps[-1]
+    _one_thing_less(search)
+    new = search.steps[-1]
     spare = needless(new.fitted, [c for c in search.causes if c != new.cause])
     if spare is None:
         return
@@ -115,6 +117,25 @@ def prune(search: Search) -> None:
     less = refit(search.space, new.fitted.point.without(spare))
     if less.evidence >= new.fitted.evidence - NEEDED:
         search.drop(spare, new, less)
+
+
+def _one_thing_less(search: Search) -> None:
+    """Without what a member was given to do besides, where that has become needless."""
+    for id in search.causes:
+        stage = search.fitted.point.model.stage(id)
+        if not isinstance(stage, Cause):
+            continue
+        for form in stage.less():
+            search.tell(f"refit with less of {id}")
+            before = search.fitted
+            gone = {n for n in stage.parameters if form[n] != stage[n]}
+            sizes = tuple(s for s in before.point.sizes if s[0] != id or s[1] not in gone)
+            point = Point(before.point.model.with_stage(form), before.point.fixed, sizes)
+            less = refit(search.space, point, held=True)
+            if less.evidence > before.evidence - NEEDED:
+                search.steps[-1] = replace(search.steps[-1], fitted=less)
+                search.rearranged = True
+                break
 
 
 def faint(search: Search) -> None:

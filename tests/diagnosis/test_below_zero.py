@@ -14,6 +14,7 @@ from small_bench import recordings
 from piezo_rig.causes import CAUSES
 from piezo_rig.causes.cause import Context
 from piezo_rig.diagnosis import diagnose
+from piezo_rig.studies.hidden import draw
 
 BIPOLAR = (("30", -30.0, 30.0), ("60", -60.0, 60.0))
 
@@ -85,3 +86,18 @@ def test_what_is_clipped_at_one_end_may_be_so_at_the_other_and_more_at_this_one(
     assert ((cut > 0.0) & (cut < 40.0)).all()
     assert set(np.round(besides / cut, 9)) == {0.0, 0.5, 1.0}
     assert not more[0].also(data)
+    assert not stage.less()
+    assert {(s["lower"], s["upper"]) for s in more[0].less()} == {
+        (-1000.0, more[0]["upper"]), (more[0]["lower"], 1000.0),
+    }  # fmt: skip
+
+
+@pytest.mark.study
+def test_a_limit_that_only_stood_in_for_another_cause_is_given_up_again():
+    # the case that asked for it: 0.2 V cut off at the lower end while an asymmetry was missing
+    case = draw("drive-clipping+direction-asymmetry", 2, "one", "white", 2000.0, 2)
+    found = {f.cause: f for f in diagnose(case.sweeps).findings}
+    limits = found["drive-clipping"].parameters
+    assert set(limits) == {"upper"}
+    true = case.truth.parameters["drive-clipping"]["upper"]
+    assert limits["upper"].value == pytest.approx(true, abs=0.02)

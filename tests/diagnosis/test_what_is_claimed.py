@@ -21,6 +21,12 @@ def test_an_interval_is_wider_about_its_own_middle():
     assert as_held(1.0, 3.0) == pytest.approx((2.0 - 1.2, 2.0 + 1.2))
 
 
+def test_an_interval_of_what_is_above_zero_stays_there():
+    low, high = as_held(0.01, 1.0, logarithmic=True)
+    assert low * high == pytest.approx(0.01 * 1.0)
+    assert high / low == pytest.approx((1.0 / 0.01) ** 1.2)
+
+
 @pytest.mark.parametrize(("ci95", "expected"), [
     ((519.99, 520.01), (519.948, 520.052)), ((519.0, 520.01), (519.0, 520.052)), (None, None),
 ])  # fmt: skip
