@@ -95,6 +95,16 @@ class Row:
         step = (n - 1) / float(self.time_s[-1] - self.time_s[0]) / size
         return step, np.abs(line) ** 2
 
+    def is_first_line(self, f: FloatArray | float) -> NDArray[np.bool_]:
+        """Whether one of the first lines of the drive is there; nothing beside is as large."""
+        cell, f = 1.0 / float(self.time_s[-1] - self.time_s[0]), np.asarray(f)
+        first = np.zeros(f.shape, bool)
+        for comb in self.always_hz:
+            if self.share == 1.0 and comb > 2.0 * cell:
+                order = np.rint(f / comb)
+                first |= (order >= 1) & (order <= FIRST) & (abs(f - order * comb) < WIDE * cell)
+        return first
+
     def line(self, f: float) -> complex:
         """Amplitude and phase at a frequency, on its clock; um."""
         turned = self.level * np.exp(-2j * np.pi * f * self.time_s)
@@ -135,10 +145,9 @@ def _strongest(
         if not orders:
             continue
         at = fundamental + np.asarray(OFF_HZ, float)
-        scores, share = _line(rows, np.outer(at, orders))
-        for f, own in zip(at.tolist(), scores, strict=True):
-            lone = float(chi2_above(2.0 * own[0], 2.0 * share))
-            joint = float(chi2_above(2.0 * own.sum(), 2.0 * share * len(orders)))
+        for f, own, share in zip(at.tolist(), *_line(rows, np.outer(at, orders)), strict=True):
+            lone = float(chi2_above(2.0 * own[0], 2.0 * share[0])) if share[0] else 1.0
+            joint = float(chi2_above(2.0 * own.sum(), 2.0 * share.sum())) if share.any() else 1.0
             p = max(1e-300, 2.0 * min(lone, joint) * len(OFF_HZ) * len(FUNDAMENTALS_HZ))
             if best is None or p < best[0]:
                 best = (p, f)
@@ -199,7 +208,7 @@ def _worth(rows: list[Row], near_hz: float, off: FloatArray, highest_hz: float) 
         time = row.time_s[:n]
         at = time.reshape(PARTS, -1).mean(axis=1)
         for k in ORDERS:
-            if k * near_hz >= highest_hz:
+            if k * near_hz >= highest_hz or row.is_first_line(k * near_hz):
                 continue
             noise = float(np.mean(row.power(k * near_hz + AROUND * cell))) / HANN
             turned = row.level[:n] * np.exp(-2j * np.pi * k * near_hz * time)
@@ -279,29 +288,27 @@ def _period_s(group: Group) -> float | None:
     return float(group.time_s[best] - group.time_s[0])
 
 
-def _line(rows: list[Row], f: FloatArray) -> tuple[FloatArray, float]:
+def _line(rows: list[Row], f: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Fisher's sum of -log p of lines (any shape), recording by recording; as how many it counts.
 
     Every recording against its own background (power over background is F(2, 2 INDEPENDENT)):
-    they last differently long, and a sum of powers would be that of the few shortest ones.
+    they last differently long, and a sum of powers would be that of the few shortest ones. Where
+    one of the first lines of its drive is, a recording says nothing, and does not count.
     """
-    score, share = np.zeros(f.shape), 0.0
+    score, share = np.zeros(f.shape), np.zeros(f.shape)
     for row in rows:
         cell = 1.0 / float(row.time_s[-1] - row.time_s[0])
         power, level = row.power(f), row.power(f[..., None] + AROUND * cell).mean(axis=-1)
+        counts = np.where(row.is_first_line(f), 0.0, row.share)
         for comb in row.combs_hz:
             if row.share == 1.0 and comb > 2.0 * cell:
                 at = np.abs(f[..., None] + BESIDE * comb)
                 others = np.abs(at - f[..., None]) > comb  # mirrored at zero it may be the line
                 beside = np.where(others, row.power(at), 0.0)
                 level = np.maximum(level, 2.0 * beside.max(axis=-1))
-                if comb in row.always_hz:  # nothing beside the first lines is as large as they
-                    order = np.rint(f / comb)
-                    first = (order >= 1) & (order <= FIRST) & (abs(f - order * comb) < WIDE * cell)
-                    power[first] = 0.0
         ratio = power / np.maximum(level, 1e-300)
-        score += row.share * INDEPENDENT * np.log1p(ratio / INDEPENDENT)
-        share += row.share
+        score += counts * INDEPENDENT * np.log1p(ratio / INDEPENDENT)
+        share += counts
     return score, share
 
 

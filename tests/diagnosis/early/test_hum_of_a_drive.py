@@ -10,7 +10,7 @@ import pytest
 from piezo_rig.causes import named_model
 from piezo_rig.chain import Parameter
 from piezo_rig.diagnosis.early import Early, hum_again
-from piezo_rig.diagnosis.early.hum import _period_s, find_hum
+from piezo_rig.diagnosis.early.hum import Row, _line, _period_s, find_hum
 from piezo_rig.diagnosis.engine import plain_space
 from piezo_rig.diagnosis.fit import Point, starting_model
 from piezo_rig.diagnosis.grouping import group_tracks
@@ -44,8 +44,8 @@ def recorded(drive, moved, seed):
                  "IMPORTED")  # fmt: skip
 
 
-def groups_of(sweep):
-    return group_tracks(prepare([sweep], first_rises=True, clipped=True), [sweep])
+def groups_of(*sweeps):
+    return group_tracks(prepare(sweeps, first_rises=True, clipped=True), sweeps)
 
 
 def baseline(groups):
@@ -85,6 +85,31 @@ def test_a_hum_beside_several_sines_is_found_all_the_same(hz):
     assert found.p_value * COUNT < LEVEL
     assert abs(found.frequency - hz) < 0.02
     assert found.amplitude_nm == pytest.approx(4.0, rel=0.15)
+
+
+def test_a_recording_that_cannot_tell_a_hum_from_its_own_lines_does_not_count():
+    noise = np.random.default_rng(5).standard_normal((2, 1000))
+    time = TIME[:1000]
+    tells = Row(time, noise[0] + np.sin(2.0 * np.pi * 60.0 * time), 1.0, (40.0,), (40.0,))
+    does_not = Row(time, noise[1] + 9.0 * np.sin(2.0 * np.pi * 60.0 * time), 1.0, (30.0,), (30.0,))
+    at = np.array([60.0, 50.0])
+    alone, _ = _line([tells], at)
+    score, count = _line([tells, does_not], at)
+    assert score[0] == alone[0]
+    assert list(count) == [1.0, 2.0]  # it has nothing of its own at 50 Hz
+    assert score[1] > alone[1]
+
+
+def test_lines_of_drives_do_not_move_the_frequency_of_a_hum():
+    sweeps = []
+    for k, hz in enumerate([21.0, *6 * [30.0], *6 * [60.0]]):
+        now = TIME[: round((2.0 if k == 0 else 0.5 + 0.02 * k) * RATE)]
+        drive = sines(hz)[: now.size]
+        hum = 2e-3 * np.sin(2.0 * np.pi * 60.2 * now + 0.9 * k)
+        sweeps.append(recorded(drive, played(drive) + hum, k))
+    groups = groups_of(*sweeps)
+    found = find_hum(groups, baseline(groups))
+    assert found.frequency == pytest.approx(60.2, abs=0.05)
 
 
 @pytest.mark.parametrize("hz", [49.5, 60.5])
