@@ -17,7 +17,7 @@ from piezo_rig.diagnosis.needed import worth_needed
 from piezo_rig.diagnosis.refit import Fitted, refit, settle
 from piezo_rig.diagnosis.refusals import worse
 from piezo_rig.diagnosis.scan import LATER, FloatArray, Scan, by_speed, scan
-from piezo_rig.diagnosis.spare import NEEDED
+from piezo_rig.diagnosis.spare import NEEDED, far_off
 
 if TYPE_CHECKING:
     from piezo_rig.diagnosis.climb import Search
@@ -51,9 +51,10 @@ def detour(search: Search) -> bool:
 
     One cause may stand in for two others, neither of which improves on it alone. Members that
     are worth least are tried first, and only where a rival comes near them. What needs more than
-    one more member than the ladder at hand is no better explanation.
+    one more member than the ladder at hand is no better explanation. A member that is alone is
+    doubted only where something is left beside it.
     """
-    if len(search.causes) < 2:
+    if not search.causes or (len(search.causes) == 1 and not far_off(search)):
         return False
     full, taken = search.fitted, 0
     for member, less, found in _one_by_one(search):

@@ -187,7 +187,7 @@ def idle(search: Search) -> bool:
     while search.causes:
         unknown = _unknown_nm(search) if search.left_over() else 0.0
         tables = [c for c in search.causes if CAUSES[c].has_elements]
-        doubted = tables if len(search.causes) > 1 or _far_off(search) else []
+        doubted = tables if len(search.causes) > 1 or far_off(search) else []
         if tables and without_first_rises(search.space):
             found = certainties(search.space, search.fitted, tables)
             doubted = [c for c in doubted if found[c] < UNSEEN]
@@ -234,7 +234,7 @@ def _left(search: Search) -> float:
     return max(search.error(0, search.fitted) ** 2 - search.noise_nm**2, 0.0)
 
 
-def _far_off(search: Search) -> bool:
+def far_off(search: Search) -> bool:
     """Whether more is left than a fit to few recordings leaves."""
     return _left(search) > (AMISS * search.noise_nm) ** 2
 
@@ -246,7 +246,7 @@ def _stands_in(search: Search, less: Fitted, unknown_nm: float) -> bool:
     something that nobody has a name for, does to first rises leaves what they do elsewhere.
     """
     took = search.error(0, less) ** 2 - search.error(0, search.fitted) ** 2
-    left = max(_left(search) if _far_off(search) else 0.0, unknown_nm**2)
+    left = max(_left(search) if far_off(search) else 0.0, unknown_nm**2)
     return left > OF_WHAT_IT_TOOK * took
 
 
