@@ -173,10 +173,11 @@ class Search:
         """Whether what stands in for what is quickly tried out."""
         return len(self.causes) <= FEW
 
-    def left_over(self) -> bool:
-        """Whether something is left that nobody has a name for."""
-        settle(self.space, self.fitted.point)
-        reduced = reduce(self.space.linear(self.fitted.point))
+    def left_over(self, fitted: Fitted | None = None) -> bool:
+        """Whether something is left that nobody has a name for, of a model or the latest."""
+        point = (self.fitted if fitted is None else fitted).point
+        settle(self.space, point)
+        reduced = reduce(self.space.linear(point))
         return score_generic(Likelihood(reduced), self.rng, LEVEL)[1] < LEVEL
 
     def forward(self) -> None:
@@ -238,7 +239,7 @@ class Search:
             left = self.error(0, fitted) ** 2 - self.noise_nm**2
             id = found.result.ids[i]
             if worth > ONE_MORE and left < MUCH_OF_IT * amiss and (
-                worse(self, fitted, here) is None and of_a_law(self, fitted, id) is None
+                worse(self, fitted, here) is None and of_a_law(self, fitted, id, here) is None
             ):  # fmt: skip
                 self.accept(Step(id, float(family[i]), fitted))
                 self.tidy()
@@ -283,7 +284,7 @@ class Search:
             if fitted.evidence - here.evidence > LARGE:
                 fitted = converged(self.space, fitted)
             doubtful = (family[i] > DOUBTFUL and not of_base(id)) or self.may_go_on(id)
-            against = worse(self, fitted, here, doubtful) or of_a_law(self, fitted, id)
+            against = worse(self, fitted, here, doubtful) or of_a_law(self, fitted, id, here)
             against = against or of_a_corner(self, fitted, here, id)
             if against is None and doubtful and not self.helps(here, fitted):
                 against = "fits, but does not predict data that it has not seen better beyond doubt"

@@ -42,7 +42,7 @@ from piezo_rig.diagnosis.early import (
     hum_behind,
     read_monitor,
 )
-from piezo_rig.diagnosis.early.recounted import square_of
+from piezo_rig.diagnosis.early.recounted import BESIDE_ALL, PLAINLY, square_of
 from piezo_rig.diagnosis.early.remembered import without_remembered
 from piezo_rig.diagnosis.engine import plainly
 from piezo_rig.diagnosis.fit import Point, starting_model
@@ -142,11 +142,11 @@ def _diagnosed(
     count = sum(1 for k in CAUSES.values() if issubclass(k, Cause))
 
     def cleaned(
-        beside: Point | None = None, behind: float | None = None
+        beside: Point | None = None, behind: float | None = None, enough: float = PLAINLY
     ) -> tuple[list[Early], Point]:
         return clean_up(
             raw, sweeps, beside or start.point,
-            lambda groups, p: plainly(groups, p).point, SHARE * LEVEL, count, behind,
+            lambda groups, p: plainly(groups, p).point, SHARE * LEVEL, count, behind, enough,
         )  # fmt: skip
 
     def heard() -> Reading | None:
@@ -180,16 +180,27 @@ def _diagnosed(
     if search.turned is not None:
         return turned_between(search.turned)
     known = credited(found_early)
-    while any(s.cause == ClockRatio.id for s in search.ladder.steps) and (
+    while search.ladder.steps and (
         alone := {k for k, g in enumerate(clean.groups) if g.repeats < 2}
     ):
-        tell("lost samples behind what looks like a clock")
-        base = search.ladder.last.point
-        left = square_of(clean, base, alone)
+        whole_model = base = search.ladder.last.point
+        left = square_of(clean, whole_model, alone)
         for step in search.ladder.steps:
             base = base.without(step.cause)
-        behind, base = cleaned(base, left)
-        if credited(behind) <= known:
+        if any(s.cause == ClockRatio.id for s in search.ladder.steps):
+            tell("lost samples behind what looks like a clock")
+            behind, base = cleaned(base, left)
+            others = credited(behind) > known
+        elif known[0]:
+            tell("lost samples counted once more")
+            behind, there = cleaned(whole_model, enough=BESIDE_ALL)
+            mended = behind[-1].groups if behind else raw
+            others = credited(behind)[0] != known[0] and (
+                square_of(mended, plainly(mended, there).point, alone) < BESIDE_ALL * left
+            )
+        else:
+            break
+        if not others:
             break
         known, found_early = credited(behind), behind
         whole = found_early[-1].groups if found_early else raw

@@ -48,7 +48,7 @@ def foretold(
         id, fitted = found.result.ids[i], best[i]
         if _amiss(search, fitted) > HALF * amiss:
             return False
-        if of_a_law(search, fitted, id) or not search.helps(here, fitted, False):
+        if of_a_law(search, fitted, id, here) or not search.helps(here, fitted, False):
             continue
         least = NEAR * search.error(0, fitted)
         near = [j for j in order if j != i and search.error(0, best[j]) < least]

@@ -20,6 +20,7 @@ NEAR = 1.1  # held-out error of a rival, of the best one's
 HARDLY = 0.2  # of the noise: what rivals may leave beside it, and none is the better for it
 OFF = 2.5  # an effect must be so many times what a law may be off by
 FAR_OFF, HELPS = 2.0, 0.97  # so many times the noise; held-out error after a step, of that before
+NOTHING = 0.4  # of the noise: what is left of nothing
 PLAIN = 100.0  # log-likelihood of what is like nothing that a model gets wrong
 MUCH = 0.8  # the same where a model is held fixed and lacks what the actuator has
 OF_A_CORNER = "at one speed it shows just after corners alone, and explains little of what is amiss"
@@ -103,8 +104,12 @@ def of_a_corner(search: Search, fitted: Fitted, here: Fitted, id: str) -> str | 
     return OF_A_CORNER if after > MOST_OF_IT * before else None
 
 
-def of_a_law(search: Search, fitted: Fitted, id: str) -> str | None:
-    """Why a small effect is refused beside a large one whose law is only assumed."""
+def of_a_law(search: Search, fitted: Fitted, id: str, without: Fitted | None = None) -> str | None:
+    """Why a small effect is refused beside a large one whose law is only assumed.
+
+    ``without`` : the model without it, if that is known. Where it was far off and the effect
+    leaves nothing, it is no misfit: what a law gets wrong has a shape of its own.
+    """
     if (wandering := wanders(search.space, fitted, id)) is not None:
         return wandering
     kind, model = CAUSES[id], fitted.point.model
@@ -118,7 +123,7 @@ def of_a_law(search: Search, fitted: Fitted, id: str) -> str | None:
         return None
     laws = {c: min(kind.law.values()) for c in search.causes
             if c != id and issubclass(kind := CAUSES[c], Cause) and kind.law}  # fmt: skip
-    if not laws:
+    if not laws or (without is not None and _takes_all(search, fitted, without)):
         return None
     settle(search.space, fitted.point)
     found = strengths(search.space, fitted, [id, *laws])
@@ -126,3 +131,9 @@ def of_a_law(search: Search, fitted: Fitted, id: str) -> str | None:
         if found[id] < OFF * share * found[other]:
             return f"no larger than what the assumed law of {other} may be wrong by"
     return None
+
+
+def _takes_all(search: Search, fitted: Fitted, without: Fitted) -> bool:
+    """Whether an extension brings a model that is far off down to the noise."""
+    before, after = search.error(0, without), search.error(0, fitted)
+    return before > FAR_OFF * search.noise_nm and after < np.hypot(1.0, NOTHING) * search.noise_nm

@@ -104,9 +104,12 @@ def prune(search: Search) -> None:
                 search.drop(id, new, less)
                 new = search.steps[-1]
     for id in search.causes[:-1]:
-        if of_a_law(search, new.fitted, id) is not None:
-            search.tell(f"refit without {id}")
-            search.drop(id, new, refit(search.space, new.fitted.point.without(id), held=True))
+        if of_a_law(search, new.fitted, id) is None:
+            continue
+        search.tell(f"refit without {id}")
+        less = refit(search.space, new.fitted.point.without(id), held=True)
+        if of_a_law(search, new.fitted, id, less) is not None:
+            search.drop(id, new, less)
             new = search.steps[-1]
     _one_thing_less(search)
     new = search.steps[-1]
@@ -150,7 +153,9 @@ def faint(search: Search) -> None:
             return
         search.tell(f"refit without {id}")
         less = refit(search.space, search.fitted.point.without(id), held=True)
-        if plain_bend(id, search.fitted, less):
+        if plain_bend(id, search.fitted, less) or (
+            found[id] >= APART and _explains_the_rest(search, less)
+        ):
             plain.add(id)
             continue
         rest = [s for s in search.steps if s.cause != id]
@@ -158,6 +163,17 @@ def faint(search: Search) -> None:
             search.drop(id, rest[-1], less)
         else:
             search.steps, search.barred[id] = [], "cannot be told from nothing"
+
+
+def _explains_the_rest(search: Search, less: Fitted) -> bool:
+    """Whether something is left without a member, and nothing with it.
+
+    What a base model gets wrong goes by many names, and none of them leaves nothing of it.
+    """
+    return (
+        search.helps(less, search.fitted) and not search.left_over()
+        and search.left_over(less)
+    )  # fmt: skip
 
 
 def _certain(id: str, alone: bool) -> float:

@@ -17,7 +17,7 @@ from piezo_rig.diagnosis.chances import AS_HELD
 from piezo_rig.diagnosis.early.breaks import Breaks, find_breaks
 from piezo_rig.diagnosis.early.hum import Hum, find_hum, hum_of_residual, means_of, removed
 from piezo_rig.diagnosis.early.mended import DROP, JUMP, Break, mended
-from piezo_rig.diagnosis.early.recounted import outright, recounted, square_of
+from piezo_rig.diagnosis.early.recounted import PLAINLY, outright, recounted, square_of
 from piezo_rig.diagnosis.early.reported import events_of, reported
 from piezo_rig.diagnosis.early.spikes import find_spikes
 from piezo_rig.diagnosis.events import Event
@@ -72,7 +72,7 @@ def _believed(
 def clean_up(
     raw: Groups, sweeps: Sequence[Sweep], point: Point,
     refitted: Callable[[Groups, Point], Point], level: float, count: int,
-    behind: float | None = None,
+    behind: float | None = None, enough: float = PLAINLY,
 ) -> tuple[list[Early], Point]:  # fmt: skip
     """Everything found, in order, and the baseline refitted to what is left.
 
@@ -83,6 +83,7 @@ def clean_up(
     level : family-wise chance of a false alarm
     count : causes that are tried in all, for the correction
     behind : squared error of other causes that may stand for losses, um^2: see `outright`
+    enough : what another number of losses must leave at most: see `recounted`
     """
     clean, found = raw, list[Early]()
     spikes = find_spikes(raw, point.model)
@@ -98,7 +99,7 @@ def clean_up(
     breaks = Breaks(())
     if levels(clean) is None:  # whose steps would be taken for lost samples
         breaks = find_breaks(clean, point.model, sweeps, level / count, line)
-        known = recounted(clean, point, breaks.breaks, refitted)
+        known = recounted(clean, point, breaks.breaks, refitted, enough)
         if not known and behind is not None:
             known = outright(clean, point, sweeps, refitted, behind)
         breaks = _believed(clean, point, known, refitted)

@@ -20,7 +20,9 @@ from piezo_rig.diagnosis.fit import Point
 from piezo_rig.diagnosis.groups import Groups
 from piezo_rig.run_file.sweep import Sweep
 
-PLAINLY = 0.5  # squared error, of that by the first count, that another must leave at most
+# squared error, of that by the first count, that another must leave at most: beside a base, and
+# beside a model that has what else there is
+PLAINLY, BESIDE_ALL = 0.5, 0.9
 TURNS = 3  # in which the losses are looked at one after the other
 MOST = 400  # samples
 AHEAD, ABOUT = 60, 3  # samples of a loss at which it is looked for first, and later
@@ -31,9 +33,12 @@ BESIDE, SAME = 8, 1.01  # samples between two that may be one; of what they leav
 
 def recounted(
     groups: Groups, point: Point, breaks: Sequence[Break],
-    refitted: Callable[[Groups, Point], Point],
+    refitted: Callable[[Groups, Point], Point], enough: float = PLAINLY,
 ) -> list[Break]:  # fmt: skip
-    """Breaks with the losses that a refitted base asks for, where that is plainly others."""
+    """Breaks with the losses that a refitted base asks for, where that is plainly others.
+
+    ``enough`` : squared error, of that by the first count, that another must leave at most
+    """
     here = list(breaks)
     losses = [b for b in here if b.cause == DROP and groups.groups[b.group].repeats < 2]
     members = {b.group for b in losses}
@@ -53,7 +58,7 @@ def recounted(
                 here, least = _best(here, k, least, left)
         if least >= before:
             break
-    if least >= PLAINLY * begun:
+    if least >= enough * begun:
         return list(breaks)
     return _joined([b for b in here if b.count], least, left)
 
