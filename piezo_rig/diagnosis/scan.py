@@ -90,7 +90,8 @@ class Scan:
         several = [i for i in close if not by_speed(self.ids[i])][:RUN_OFF]
         close = [i for k, i in enumerate(close) if i in several or k < RUN_OFF]
         late = [i for i in close if by_speed(self.ids[i])][1:]
-        close = [*bends, *(i for i in close if i not in late)]
+        close = sorted([*bends, *(i for i in close if i not in late)],
+                       key=lambda i: -self.excess[i])  # fmt: skip
         if bends:  # they are large: a linear look misleads
             close += [i for i, id in enumerate(self.ids) if of_base(id) and i not in close]
         return close
