@@ -1,0 +1,106 @@
+"""Causes beside others whose laws are only assumed: what leaves nothing is no misfit of theirs."""
+
+from itertools import pairwise
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from piezo_rig.causes import CAUSES
+from piezo_rig.chain import Elements, Maxwell, Model
+from piezo_rig.diagnosis import diagnose, refusals
+from piezo_rig.studies.hidden import draw
+from tests.diagnosis.sliders import play, recorded
+
+RATE, NOISE_NM = 2000.0, 2.0
+LIMITS = np.sort(np.random.default_rng(20).uniform(0.2, 28.0, 40))
+
+
+def noisy(x, seed):
+    return x - x[0] + 1e-3 * NOISE_NM * np.random.default_rng(seed).standard_normal(x.size)
+
+
+def aged(x, cycles, per_decade):
+    """Every step as large as the cycle that it is in makes it, by the decade of cycles."""
+    gain = 1.0 + per_decade * np.log10(cycles)
+    return np.concatenate([[0.0], np.cumsum(gain[1:] * np.diff(x))])
+
+
+@pytest.mark.parametrize(("with_it_nm", "without_nm", "refused"), [
+    (2.0, 9.0, False),  # it takes all
+    (2.0, 3.0, True),  # of what is hardly there
+    (5.0, 9.0, True),  # some of it
+])  # fmt: skip
+def test_a_small_effect_is_a_misfit_of_a_law_unless_it_leaves_nothing(
+    monkeypatch, with_it_nm, without_nm, refused
+):
+    table = Elements.from_curve(np.array([1.0, 75.0]), np.array([0.1, 0.12]))
+    model = Model((Maxwell.of(table),), {}, "")
+    model = model.with_stage(CAUSES["direction-asymmetry"].of(None, ratio=0.99, reach=0.2))
+    model = model.with_stage(CAUSES["cycle-aging"].of(None, rate_per_decade=0.005))
+    monkeypatch.setattr(refusals, "wanders", lambda *_: None)
+    monkeypatch.setattr(refusals, "settle", lambda *_: None)
+    monkeypatch.setattr(
+        refusals, "strengths", lambda *_: {"cycle-aging": 1.0, "direction-asymmetry": 100.0}
+    )
+    with_it, without = SimpleNamespace(point=SimpleNamespace(model=model)), SimpleNamespace()
+    search = SimpleNamespace(
+        space=SimpleNamespace(groups=SimpleNamespace(travel_um=7.0, span_v=75.0)),
+        causes=["direction-asymmetry"], noise_nm=NOISE_NM,
+        error=lambda _, fitted: with_it_nm if fitted is with_it else without_nm,
+    )  # fmt: skip
+    assert refusals.of_a_law(search, with_it, "cycle-aging") is not None
+    told = refusals.of_a_law(search, with_it, "cycle-aging", without)
+    assert (told is not None) == refused
+
+
+@pytest.mark.study
+def test_an_ageing_and_a_drift_are_no_creep_and_asymmetry():
+    """80 sines in one sweep: a creep and loops that do not close take most of both."""
+    time = np.arange(round(20.0 * RATE)) / RATE
+    drive = 37.5 * (1.0 - np.cos(2.0 * np.pi * 4.0 * time))
+    moved = aged(play(drive, LIMITS, 7e-4), np.floor(4.0 * time) + 1.0, 0.006)
+    found = diagnose([recorded(drive, noisy(moved + 4e-3 * time, 1), RATE, "unknown")])
+    told = {f.cause: f for f in found.findings}
+    assert set(told) == {"cycle-aging", "thermal-drift"}
+    assert not found.unexplained.detected
+    assert told["thermal-drift"].parameters["rate"].value == pytest.approx(4.0, rel=0.05)
+    ageing = told["cycle-aging"].parameters["rate_per_decade"].value
+    assert ageing == pytest.approx(0.006, rel=0.1)
+
+
+@pytest.mark.study
+def test_an_ageing_of_a_tenth_of_a_percent_behind_a_clock_is_told():
+    time = np.arange(round(15.0 * RATE)) / RATE
+    late = time * (1.0 + 40e-6)
+    drive, seen_at = (37.5 * (1.0 - np.cos(2.0 * np.pi * 4.0 * t)) for t in (time, late))
+    moved = aged(play(seen_at, LIMITS, 7e-4), np.floor(4.0 * late) + 1.0, 0.001)
+    found = diagnose([recorded(drive, noisy(moved, 2), RATE, "unknown")])
+    assert {f.cause for f in found.findings} == {"clock-ratio", "cycle-aging"}
+    assert not found.unexplained.detected
+
+
+@pytest.mark.study
+def test_samples_that_are_lost_beside_a_drift_are_counted_once_that_is_known():
+    rng = np.random.default_rng(3)
+    turns = np.concatenate([[0.0], rng.uniform(5.0, 75.0, 100), [0.0]])
+    steps = [max(round(abs(b - a) / rng.uniform(100.0, 400.0) * RATE), 2)
+             for a, b in pairwise(turns)]  # fmt: skip
+    at = np.concatenate([[0], np.cumsum(steps)])
+    drive = np.interp(np.arange(at[-1] + 1), at, turns)
+    moved = play(drive, LIMITS, 7e-4) + 5e-3 * np.arange(drive.size) / RATE
+    kept = np.delete(np.arange(drive.size), np.arange(drive.size // 3, drive.size // 3 + 9))
+    n = kept.size
+    found = diagnose([recorded(drive[:n], noisy(moved[kept], 4), RATE, "unknown")])
+    assert {f.cause for f in found.findings} == {"dropped-samples", "thermal-drift"}
+    assert not found.unexplained.detected
+    events = next(f.events for f in found.findings if f.cause == "dropped-samples")
+    assert sum(e.size for e in events) == 9
+
+
+@pytest.mark.study
+def test_one_law_alone_may_stand_in_for_two_causes():
+    """The case that asked for it: an extremum law did for an initiation stage and a range law."""
+    case = draw("pair", 2005, "bipolar_sine", "1/f", 40.0)
+    found = diagnose(case.sweeps)
+    assert {f.cause for f in found.findings} == set(case.truth.causes)
