@@ -16,7 +16,7 @@ from spaces import begun, with_member
 from test_findings import creep
 
 from piezo_rig.causes import CAUSES
-from piezo_rig.diagnosis import detours
+from piezo_rig.diagnosis import detours, spare
 from piezo_rig.diagnosis.climb import Search
 from piezo_rig.diagnosis.ladder import Ladder, Step
 from piezo_rig.diagnosis.refit import refit
@@ -80,6 +80,44 @@ def test_a_detour_may_need_one_member_more_than_what_it_goes_around(fitted, monk
     monkeypatch.setattr(detours, "rivals_of", lambda *_: ["cycle-aging"])
     assert not detours.detour(search)
     assert tried == [3, 3]
+
+
+@pytest.mark.parametrize(("error_nm", "doubted"), [(2.0, False), (2.1, False), (2.6, True)])
+def test_a_member_that_is_alone_is_doubted_where_something_is_left(
+    fitted, monkeypatch, error_nm, doubted
+):
+    space, one, _ = fitted
+    tried = []
+    monkeypatch.setattr(detours, "_one_by_one", lambda search: tried.append(search) or [])
+    search = Search(space, one, np.random.default_rng(0), quiet, [(lambda f: error_nm, 1.0)], 2.0,
+                    0, lambda less, full: True, [Step("creep", 1e-9, one)])  # fmt: skip
+    assert not detours.detour(search)
+    assert bool(tried) == doubted
+
+
+@pytest.mark.parametrize(("sure", "left", "helps", "kept"), [
+    (12.0, (True, False), False, True),  # plain in any case
+    (7.0, (True, False), True, True),  # it explains the rest
+    (7.0, (True, True), True, False),  # something is left beside it
+    (7.0, (False, False), True, False),  # nothing was amiss
+    (7.0, (True, False), False, False),  # it does not predict
+    (3.0, (True, False), True, False),  # it may be nothing at all
+])  # fmt: skip
+def test_a_faint_member_stays_where_it_explains_the_rest(
+    fitted, monkeypatch, sure, left, helps, kept
+):
+    space, one, both = fitted
+    steps = [Step("creep", 1e-9, one), Step("thermal-drift", 1e-4, both)]
+    search = Search(space, one, np.random.default_rng(0), quiet, [(lambda f: 2.0, 1.0)], 2.0, 0,
+                    lambda less, full: helps, steps)  # fmt: skip
+    monkeypatch.setattr(spare, "certainties", lambda space, fitted, members: {
+        c: sure if c == "thermal-drift" else 50.0 for c in members
+    })  # fmt: skip
+    monkeypatch.setattr(Search, "left_over", lambda self, fitted=None: (
+        left[int(fitted is None or fitted is both)]
+    ))  # fmt: skip
+    spare.faint(search)
+    assert search.causes == (["creep", "thermal-drift"] if kept else ["creep"])
 
 
 def test_a_rung_that_was_fitted_beside_the_same_members_is_kept(fitted):
