@@ -66,7 +66,8 @@ DOUBTFUL = 1e-6  # chance of a false alarm above which a cause must predict unse
 FAR_BEHIND = 0.5  # of the best refit's gain: below it a rival's reach is not looked for
 ROUNDS, FEW = 2, 3
 CAME_TO_NOTHING = "once refitted it came out at a limit, or no different from nothing"
-NEARER = 0.9  # held-out error, of that when a cause was refused, below which it is tried again
+# held-out error beside the noise, of that when a cause was refused, below which it is tried again
+NEARER = 0.9
 MUCH_NEARER = 0.5  # the same for one that came to nothing
 # gain of a law let go of, of what any other cause would, while there is one; of what a table would
 PLAINLY, OF_A_TABLE = 2.0, 0.3
@@ -427,8 +428,10 @@ class Search:
         return worth, fitted, self.error(0, fitted) if worth > 0.0 else None
 
     def bar(self, id: str, here: Fitted, why: str, nearer: float) -> None:
-        """Refuse a cause until the held-out error is below so much of what it is now."""
-        self.barred[id], self.refused_at[id] = why, nearer * self.error(0, here)
+        """Refuse a cause until so much of what is left beside the noise is left."""
+        beyond = np.sqrt(max(self.error(0, here) ** 2 - self.noise_nm**2, 0.0))
+        self.barred[id] = why
+        self.refused_at[id] = float(np.hypot(self.noise_nm, nearer * beyond))
 
     def came_to_nothing(self, id: str, here: Fitted) -> None:
         """Refuse a cause whose refit is no different from nothing, or at a limit."""

@@ -120,6 +120,23 @@ def test_a_faint_member_stays_where_it_explains_the_rest(
     assert search.causes == (["creep", "thermal-drift"] if kept else ["creep"])
 
 
+@pytest.mark.parametrize(("then_nm", "now_nm", "again"), [
+    (100.0, 60.0, False), (100.0, 40.0, True),
+    # of 0.87 nm beside the noise 0.25 are left
+    (2.18, 2.016, True), (2.18, 2.1, False),
+])  # fmt: skip
+def test_what_came_to_nothing_is_tried_again_with_half_of_what_was_left(
+    fitted, then_nm, now_nm, again
+):
+    space, one, both = fitted
+    errors = {id(one): then_nm, id(both): now_nm}
+    search = Search(space, one, np.random.default_rng(0), quiet,
+                    [(lambda f: errors[id(f)], 1.0)], 2.0, 0, lambda less, full: True)  # fmt: skip
+    search.came_to_nothing("rate-dependence", one)
+    search.accept(Step("creep", 1e-9, both))
+    assert ("rate-dependence" not in search.barred) == again
+
+
 def test_a_rung_that_was_fitted_beside_the_same_members_is_kept(fitted):
     space, one, both = fitted
     told = []
