@@ -2,10 +2,14 @@
 and to what comes after shows a share of them, and all of them are asked for.
 """
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from piezo_rig.diagnosis import diagnose
+from piezo_rig.diagnosis.early import recounted
+from piezo_rig.diagnosis.early.mended import DROP, Break
 from tests.diagnosis.sliders import play, recorded
 
 RATE, NOISE_UM = 5000.0, 2.5e-3
@@ -38,3 +42,23 @@ def test_all_of_many_samples_that_were_lost_are_counted(seed, lost):
     assert event.size == lost
     assert abs(event.index - at) <= 1
     assert not found.unexplained.detected
+
+
+@pytest.mark.parametrize(("left", "enough", "count"), [
+    (0.7, recounted.PLAINLY, 8),  # a base that lacks a drift leaves that much beside
+    (0.7, recounted.BESIDE_ALL, 9),
+    (0.95, recounted.BESIDE_ALL, 8),
+    (0.3, recounted.PLAINLY, 9),
+])  # fmt: skip
+def test_beside_all_that_is_known_a_loss_is_counted_by_less(monkeypatch, left, enough, count):
+    """Eight were counted; with nine so much of the squared error is left."""
+    monkeypatch.setattr(recounted, "mended", lambda groups, predicted, kept: kept)
+    monkeypatch.setattr(recounted, "square_of", lambda kept, point, members: (
+        {8: 1.0, 9: left}.get(sum(b.count for b in kept), 5.0)
+    ))  # fmt: skip
+    alone = SimpleNamespace(repeats=1, predicted=lambda model: None)
+    found = recounted.recounted(
+        SimpleNamespace(groups=[alone]), SimpleNamespace(model=None),
+        [Break(DROP, 0, 0, 500, 8, 500, 500, 900, 1e-9)], lambda groups, point: point, enough,
+    )  # fmt: skip
+    assert [b.count for b in found] == [count]
