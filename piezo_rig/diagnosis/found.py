@@ -13,6 +13,7 @@ from piezo_rig.diagnosis.follow_up import FollowUp
 from piezo_rig.diagnosis.isolability import Workings
 from piezo_rig.diagnosis.unexplained import Unexplained
 
+EVENTS = ("outliers", "fringe-jump", "dropped-samples")  # nothing foretells them: no gain
 REFITTED = "refitted"  # the rung from which on a given model follows the data
 NO_FINDINGS = {
     **dict.fromkeys((Bend.id, InputBend.id, OutputBend.id), "part of the base model"),

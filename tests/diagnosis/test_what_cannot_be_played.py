@@ -1,18 +1,16 @@
 """What cannot be played beside the model at hand ends no diagnosis."""
 
-import importlib
 from types import SimpleNamespace
 
 import numpy as np
 
 from piezo_rig.causes import CAUSES
+from piezo_rig.diagnosis import offsets
 from piezo_rig.diagnosis import scan as scans
 from piezo_rig.diagnosis.refit import refit, settle
 from piezo_rig.errors import InputError
 from tests.diagnosis.small_bench import recordings
 from tests.diagnosis.spaces import begun
-
-diagnosing = importlib.import_module("piezo_rig.diagnosis.diagnose")
 
 
 def test_an_example_that_cannot_be_played_is_left_out_of_a_scan(monkeypatch):
@@ -39,7 +37,7 @@ def test_offsets_are_those_of_all_recordings_where_one_alone_says_too_little(mon
         raise InputError("slope-not-positive", "too far out", "", "")
 
     alone = SimpleNamespace(model=SimpleNamespace(place_um=beyond))
-    monkeypatch.setattr(diagnosing, "refold", lambda *_: alone)
-    found = dict(diagnosing.recording_offsets(space, space.groups, fitted, sweeps))
+    monkeypatch.setattr(offsets, "refold", lambda *_: alone)
+    found = dict(offsets.recording_offsets(space, space.groups, fitted, sweeps))
     assert len(found) == len(sweeps)
     assert max(abs(v) for v in found.values()) < 0.01  # noise of 2 nm, and what is not known yet

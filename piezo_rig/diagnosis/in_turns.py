@@ -1,0 +1,233 @@
+"""Recordings cleaned and the ladder climbed, in turns: each shows what the other had hidden.
+
+What is wrong with the recordings themselves is sought first, beside the baseline. A better model
+leaves less, and what the baseline had hidden is sought once more beside it: lost samples that a
+clock had stood for, another number of them, a hum, where a recording stands on the
+interferometer's scale.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from piezo_rig.causes import CAUSES
+from piezo_rig.causes.cause import Cause
+from piezo_rig.causes.clock_ratio import ClockRatio
+from piezo_rig.chain import Model
+from piezo_rig.diagnosis.abreast import both
+from piezo_rig.diagnosis.between import turn_between
+from piezo_rig.diagnosis.climbed import PERIODIC, Climbed, climbed
+from piezo_rig.diagnosis.early import (
+    HUM,
+    TRIED,
+    Early,
+    Reading,
+    clean_up,
+    credited,
+    hum_again,
+    hum_behind,
+    read_monitor,
+)
+from piezo_rig.diagnosis.early.recounted import BESIDE_ALL, PLAINLY, square_of
+from piezo_rig.diagnosis.engine import plainly
+from piezo_rig.diagnosis.fit import Point
+from piezo_rig.diagnosis.groups import Groups
+from piezo_rig.diagnosis.refit import Fitted
+from piezo_rig.diagnosis.scale import at_one_phase, read_anew
+from piezo_rig.diagnosis.scan import LEVEL
+from piezo_rig.run_file.sweep import Sweep
+
+SHARE = 0.2  # of the false alarms that a search of the raw recordings may take
+READ_ANEW = 2  # times
+
+
+class TurnsBetween(Exception):
+    """The drive turns between samples, as a model has it: all that was fitted begins anew."""
+
+    def __init__(self, model: Model) -> None:
+        super().__init__()
+        self.model = model
+
+
+@dataclass(eq=False)
+class InTurns:
+    """Recordings as clean as they have become, and the ladder that was climbed on them.
+
+    Attributes
+    ----------
+    raw, sweeps : recordings as they were made
+    start : the baseline, fitted to what is clean by now
+    between : whether the drive is known to turn between samples
+    early : what was found wrong with the recordings themselves, in order
+    whole, clean : without that; with repeats also at one phase of the interferometer's error
+    reading : of the drive monitor
+    """
+
+    raw: Groups
+    sweeps: Sequence[Sweep]
+    start: Fitted
+    rng: np.random.Generator
+    tell: Callable[[str], None]
+    between: bool
+    early: list[Early] = field(default_factory=list)
+    reading: Reading | None = None
+    notes: list[str] = field(default_factory=list)
+    warnings: list[str] = field(default_factory=list)
+    whole: Groups = field(init=False)
+    clean: Groups = field(init=False)
+    search: Climbed = field(init=False)
+
+    @property
+    def tried(self) -> int:
+        """Causes in the race, for the correction."""
+        return sum(1 for k in CAUSES.values() if issubclass(k, Cause))
+
+    @property
+    def hums(self) -> bool:
+        """Whether a hum was found beside the baseline or a model, after all else."""
+        return bool(self.early) and self.early[-1].cause == HUM
+
+    @property
+    def alone(self) -> set[int]:
+        """Groups of one recording each."""
+        return {k for k, g in enumerate(self.clean.groups) if g.repeats < 2}
+
+    def go(self) -> None:
+        """All of it.
+
+        Raises
+        ------
+        TurnsBetween : unless that is known
+        """
+        self._begin()
+        heard = self.hums
+        self._climb(brief=heard)
+        while self._other_losses():
+            heard = self.hums
+            self._climb(brief=heard)
+        if self.search.ladder.steps:
+            if heard:
+                self._hum_again()
+            else:
+                self._hum_behind()
+        if turn_between(self.search.space, self.search.ladder.last):
+            raise TurnsBetween(self.search.ladder.last.point.model)
+        self._phases_anew()
+
+    def _begin(self) -> None:
+        """What the recordings show by themselves, beside the baseline."""
+        self.tell("outliers, jumps, lost samples and hum")
+
+        def heard() -> Reading | None:
+            return read_monitor(self.raw, self.sweeps, SHARE * LEVEL, self.tried)
+
+        # neither asks for what the other says: the monitor hears nothing of what the sensor does
+        (self.early, point), self.reading = both(
+            self.start.space, self._cleaned, heard, [self.raw, *self.start.parts]
+        )
+        if self.reading is not None and self.reading.between and not self.between:
+            model = self.start.point.model
+            for seen in self.reading.told:
+                model = model.with_stage(seen.stage)
+            raise TurnsBetween(model)
+        self.whole = self.raw
+        if self.early:
+            self.whole = self.early[-1].groups
+            self.start = plainly(self.whole, point)
+        self.clean = at_one_phase(self.whole, self.start.point.model)
+        if self.clean is not self.whole:
+            self.notes.append(
+                "the interferometer's periodic error has another phase in every recording: "
+                "repeats are turned to that of the first"
+            )
+            self.start = plainly(self.clean, self.start.point)
+        if self.reading is not None:
+            self.notes += self.reading.notes
+            self.warnings += self.reading.warnings
+
+    def _cleaned(
+        self, beside: Point | None = None, behind: float | None = None, enough: float = PLAINLY
+    ) -> tuple[list[Early], Point]:
+        return clean_up(
+            self.raw, self.sweeps, beside or self.start.point,
+            lambda groups, p: plainly(groups, p).point, SHARE * LEVEL, self.tried, behind, enough,
+        )  # fmt: skip
+
+    def _climb(self, brief: bool = False) -> None:
+        self.search = climbed(
+            self.clean, self.start.point, self.rng, self.tell, len(TRIED), self.reading, brief
+        )
+        if self.search.turned is not None:
+            raise TurnsBetween(self.search.turned)
+
+    def _other_losses(self) -> bool:
+        """Whether other samples are lost than those that the baseline had shown."""
+        alone = self.alone
+        if not self.search.ladder.steps or not alone:
+            return False
+        model = base = self.search.ladder.last.point
+        left = square_of(self.clean, model, alone)
+        for step in self.search.ladder.steps:
+            base = base.without(step.cause)
+        known = credited(self.early)
+        if any(s.cause == ClockRatio.id for s in self.search.ladder.steps):
+            self.tell("lost samples behind what looks like a clock")
+            behind, base = self._cleaned(base, left)
+            others = credited(behind) > known
+        elif known[0]:
+            self.tell("lost samples counted once more")
+            behind, there = self._cleaned(model, enough=BESIDE_ALL)
+            mended = behind[-1].groups if behind else self.raw
+            others = credited(behind)[0] != known[0] and (
+                square_of(mended, plainly(mended, there).point, alone) < BESIDE_ALL * left
+            )
+        else:
+            return False
+        if others:
+            self.early = behind
+            self.whole = behind[-1].groups if behind else self.raw
+            self.clean = at_one_phase(self.whole, plainly(self.whole, base).point.model)
+            self.start = plainly(self.clean, base)
+        return others
+
+    def _hum_behind(self) -> None:
+        """Hum that what the baseline leaves had hidden."""
+        late = hum_behind(
+            self.clean, self.search.ladder.last.point.model, SHARE * LEVEL, self.tried
+        )
+        if late is None:
+            return
+        self.tell("hum")
+        self.early.append(late)
+        self.whole = self.clean = late.groups
+        self.start = plainly(self.clean, self.start.point)
+        self._climb()
+
+    def _hum_again(self) -> None:
+        """Hum was fitted to what the baseline left; most of that has an explanation now."""
+        self.tell("hum once more")
+        better, hum = self.search.ladder.last.point.model, self.early.pop()
+        self.whole = self.early[-1].groups if self.early else self.raw
+        again = hum_again(self.whole, hum, better, SHARE * LEVEL, self.tried)
+        if again is not None:
+            self.early.append(again)
+            self.whole = again.groups
+        self.clean = at_one_phase(self.whole, better.without(PERIODIC))
+        self.start = plainly(self.clean, self.start.point)
+        self._climb()
+
+    def _phases_anew(self) -> None:
+        """Phases were read beside all that the baseline leaves; most of that is explained now."""
+        for _ in range(READ_ANEW):
+            better = self.search.ladder.last.point.model
+            if better.stage(PERIODIC) is None:
+                return
+            anew = read_anew(self.whole, self.search.space.groups, better.without(PERIODIC))
+            if anew is None:
+                return
+            self.tell("where recordings stand on the interferometer's scale")
+            self.clean = anew
+            self._climb()
