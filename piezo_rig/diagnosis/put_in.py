@@ -23,7 +23,7 @@ from piezo_rig.diagnosis.forms import (
 )
 from piezo_rig.diagnosis.needed import does_nothing, needless
 from piezo_rig.diagnosis.refit import Fitted, refit, refit_either_way, settle, square_of
-from piezo_rig.diagnosis.scan import Found, context_of, extended, of_base
+from piezo_rig.diagnosis.scan import Form, Found, context_of, extended, of_base
 from piezo_rig.diagnosis.space import Space
 from piezo_rig.errors import InputError
 
@@ -33,6 +33,7 @@ FAR_LESS = 0.5  # squared error, of that of the likeliest refit
 LONG, NO_LESS, AS_NEAR = 12, 3.0, 1.1  # steps; log-likelihood; squared error, of that with both
 FAR_OFF = 2.0  # times the noise, thinned as the recordings are
 TWICE, EVERY = 2, 3  # turns of a look at levels; every so many of them in the first
+AS_MUCH = 3.0  # log-likelihood that a number more must be worth: what two more gain by chance
 LOST = 0.3  # of what a linear look at a cause promised; a refit that keeps less went too far
 
 
@@ -164,10 +165,28 @@ def _left_with(space: Space, point: Point, id: str) -> float:
         return np.inf
 
 
+def _plainest(found: Found, id: str) -> Form:
+    """The best form of a cause, or one without a number of its own that says about as much.
+
+    What such a number only follows the noise with predicts nothing: two recordings have any two
+    slopes, and a drift that settles between them runs anywhere in a third.
+    """
+    best = found.chosen[id]
+    kind = type(best[1][0])
+    number = kind.scanned[0] if issubclass(kind, Cause) else ""
+    if number not in best[1][0].parameters:
+        return best
+    without = [f for f in found.forms[id] if number not in f[1][0].parameters]
+    likely = [found.likelihood.evidence(columns) for columns, _ in without]
+    if max(likely, default=-np.inf) < found.likelihood.evidence(best[0]) - AS_MUCH:
+        return best
+    return without[int(np.argmax(likely))]
+
+
 def refitted(space: Space, here: Fitted, found: Found, i: int) -> Fitted | None:
     """The model with a cause put in; None where that comes to nothing."""
     candidate = found.candidates[i]
-    columns, form = found.chosen[candidate.id]
+    columns, form = _plainest(found, candidate.id)
     try:
         settle(space, here.point)
         point = extended(space, here, candidate, columns, found.likelihood, form)
