@@ -174,12 +174,15 @@ class Search:
         """Whether what stands in for what is quickly tried out."""
         return len(self.causes) <= FEW
 
-    def left_over(self, fitted: Fitted | None = None) -> bool:
-        """Whether something is left that nobody has a name for, of a model or the latest."""
+    def left_over(self, fitted: Fitted | None = None) -> float:
+        """Log-likelihood of what is left that nobody has a name for, of a model or the latest;
+        0 where that may be chance.
+        """
         point = (self.fitted if fitted is None else fitted).point
         settle(self.space, point)
         reduced = reduce(self.space.linear(point))
-        return score_generic(Likelihood(reduced), self.rng, LEVEL)[1] < LEVEL
+        ratio, chance = score_generic(Likelihood(reduced), self.rng, LEVEL)
+        return ratio if chance < LEVEL else 0.0
 
     def forward(self) -> None:
         """Take in what the data ask for, one after the other."""

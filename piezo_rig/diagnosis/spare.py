@@ -36,6 +36,7 @@ OF_A_BEND = 5.0  # which is no name, but without which others stand in for it
 AMISS = 0.45  # of the noise: what is left beside it where something is amiss
 HARDLY = 1.0  # held-out error with a member, of that before
 LOSES = 1.001  # the same of the whole ladder, of that without the member
+NEXT_TO_NOTHING = 0.05  # log-likelihood of what is left with a member, of that without it
 OF_WHAT_IT_TOOK = 0.5  # squared error: a table that leaves more only stands in for something
 WEAK, SHADOW = 10.0, 15.0  # d' and log-likelihood that leave an effect in doubt beside such laws
 
@@ -166,14 +167,14 @@ def faint(search: Search) -> None:
 
 
 def _explains_the_rest(search: Search, less: Fitted) -> bool:
-    """Whether something is left without a member, and nothing with it.
+    """Whether something is left without a member, and next to nothing of it with it.
 
     What a base model gets wrong goes by many names, and none of them leaves nothing of it.
     """
-    return (
-        search.helps(less, search.fitted) and not search.left_over()
-        and search.left_over(less)
-    )  # fmt: skip
+    if not search.helps(less, search.fitted):
+        return False
+    without = search.left_over(less)
+    return without > 0.0 and search.left_over() <= NEXT_TO_NOTHING * without
 
 
 def _certain(id: str, alone: bool) -> float:

@@ -95,13 +95,14 @@ def test_a_member_that_is_alone_is_doubted_where_something_is_left(
     assert bool(tried) == doubted
 
 
-@pytest.mark.parametrize(("sure", "left", "helps", "kept"), [
-    (12.0, (True, False), False, True),  # plain in any case
-    (7.0, (True, False), True, True),  # it explains the rest
-    (7.0, (True, True), True, False),  # something is left beside it
-    (7.0, (False, False), True, False),  # nothing was amiss
-    (7.0, (True, False), False, False),  # it does not predict
-    (3.0, (True, False), True, False),  # it may be nothing at all
+@pytest.mark.parametrize(("sure", "left", "helps", "kept"), [  # left: without it, with it
+    (12.0, (300.0, 0.0), False, True),  # plain in any case
+    (7.0, (300.0, 0.0), True, True),  # it explains the rest
+    (7.0, (300.0, 7.0), True, True),  # or next to all of it
+    (7.0, (300.0, 60.0), True, False),  # much is left beside it
+    (7.0, (0.0, 0.0), True, False),  # nothing was amiss
+    (7.0, (300.0, 0.0), False, False),  # it does not predict
+    (3.0, (300.0, 0.0), True, False),  # it may be nothing at all
 ])  # fmt: skip
 def test_a_faint_member_stays_where_it_explains_the_rest(
     fitted, monkeypatch, sure, left, helps, kept

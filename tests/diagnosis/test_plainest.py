@@ -23,7 +23,7 @@ def found(chosen, *forms):
     )
 
 
-@pytest.mark.parametrize("less, form", [(0.3, STEADY), (AS_MUCH + 1.0, SETTLING)])
+@pytest.mark.parametrize(("less", "form"), [(0.3, STEADY), (AS_MUCH + 1.0, SETTLING)])
 def test_a_drift_settles_where_that_says_more(less, form):
     chosen = _plainest(found(1, (STEADY, 187.0 - less), (SETTLING, 187.0), (LATER, 186.9)), DRIFT)
     assert chosen[1] == form
