@@ -202,7 +202,8 @@ def idle(search: Search) -> bool:
     """
     dropped = False
     while search.causes:
-        unknown = _unknown_nm(search) if search.left_over() else 0.0
+        left_over = search.left_over() > 0.0
+        unknown = _unknown_nm(search) if left_over else 0.0
         tables = [c for c in search.causes if CAUSES[c].has_elements]
         doubted = tables if len(search.causes) > 1 or far_off(search) else []
         if tables and without_first_rises(search.space):
@@ -216,7 +217,7 @@ def idle(search: Search) -> bool:
             if (unknown and not of_base(id)) or id in doubted:
                 kept = search.helps(less, search.fitted) and sure.get(id, BESIDE) >= BESIDE
                 kept = kept or like_no_other(search.fitted, less)
-                kept = kept and not (id in tables and _stands_in(search, less, unknown))
+                kept = kept and not (id in tables and _stands_in(search, less, unknown, left_over))
             else:
                 kept = search.error(0, search.fitted) <= LOSES * search.error(0, less)
                 kept = kept or plain_bend(id, search.fitted, less)
@@ -256,14 +257,17 @@ def far_off(search: Search) -> bool:
     return _left(search) > (AMISS * search.noise_nm) ** 2
 
 
-def _stands_in(search: Search, less: Fitted, unknown_nm: float) -> bool:
+def _stands_in(search: Search, less: Fitted, unknown_nm: float, left_over: bool) -> bool:
     """Whether a table takes off little more than it leaves.
 
     A first rise of its own that is there leaves nothing. One that bends towards what a law, or
     something that nobody has a name for, does to first rises leaves what they do elsewhere.
+
+    ``left_over`` : whether anything is left that is not noise; a model of few recordings follows
+    slow noise, and predicts another one the worse for it
     """
     took = search.error(0, less) ** 2 - search.error(0, search.fitted) ** 2
-    left = max(_left(search) if far_off(search) else 0.0, unknown_nm**2)
+    left = max(_left(search) if left_over and far_off(search) else 0.0, unknown_nm**2)
     return left > OF_WHAT_IT_TOOK * took
 
 

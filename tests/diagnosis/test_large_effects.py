@@ -217,18 +217,19 @@ class Ladder:
         return self.errors[fitted]
 
 
-@pytest.mark.parametrize(("without", "with_it", "unknown_nm", "only_stands_in"), [
-    (2.5, 2.02, 0.0, False),  # there is nothing left
-    (3.03, 2.45, 0.0, True),  # a law of another form: it leaves 1.4 nm and took 1.8
-    (30.0, 3.0, 0.0, False),  # it leaves 2.2 nm, but took 30
-    (2.02, 2.0, 0.35, True),  # took 0.28 nm, and 0.35 that nobody has a name for is left
-    (2.2, 2.0, 0.35, False),  # took 0.9
+@pytest.mark.parametrize(("without", "with_it", "unknown_nm", "left_over", "only_stands_in"), [
+    (2.5, 2.02, 0.0, True, False),  # there is nothing left
+    (3.03, 2.45, 0.0, True, True),  # a law of another form: it leaves 1.4 nm and took 1.8
+    (3.03, 2.45, 0.0, False, False),  # what it leaves is noise that the fit has followed
+    (30.0, 3.0, 0.0, True, False),  # it leaves 2.2 nm, but took 30
+    (2.02, 2.0, 0.35, True, True),  # took 0.28 nm, and 0.35 that nobody has a name for is left
+    (2.2, 2.0, 0.35, True, False),  # took 0.9
 ])  # fmt: skip
 def test_a_table_that_leaves_as_much_as_it_takes_stands_in_for_something(
-    without, with_it, unknown_nm, only_stands_in
+    without, with_it, unknown_nm, left_over, only_stands_in
 ):
     search = Ladder(**{"with": with_it, "less": without})
-    assert _stands_in(search, "less", unknown_nm) == only_stands_in
+    assert _stands_in(search, "less", unknown_nm, left_over) == only_stands_in
 
 
 @pytest.mark.study
