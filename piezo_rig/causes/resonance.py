@@ -35,6 +35,7 @@ EXAMPLE = 0.01  # share
 AT_LARGE = np.geomspace(LOWEST_HZ, HIGHEST_HZ, 43)  # 8 % apart
 DAMPED, SHARED = (0.01, 0.03, 0.1), (0.3, 1.0)
 LITTLE = 0.2  # of the displacement: what the base model does may be taken to pass such a mode
+NYQUIST = 0.5  # periods between samples
 COARSE = 1.0  # periods: between samples further apart a mode rings unseen
 
 
@@ -126,6 +127,10 @@ class Resonance(Cause):
             )
             for f in (0.97, 1.0, 1.03) for damping in DAMPED for share in (0.6, 1.0, 1.6)
         ]  # fmt: skip
+
+    def plausible(self, context: Context) -> bool:
+        """Where there are no two samples a period, a mode is a delay or a lag by another name."""
+        return self["frequency"] * context.step_s < NYQUIST
 
     @classmethod
     def variants(cls, context: Context) -> list[list[Stage]]:

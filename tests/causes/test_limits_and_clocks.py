@@ -117,6 +117,12 @@ def test_a_limit_just_below_the_only_speed_is_not_told_from_a_lag(limit, slews, 
     assert CAUSES["slew-limit"].of(None, limit=limit).plausible(data_of(*slews)) == plausible
 
 
+@pytest.mark.parametrize(("frequency", "plausible"), [(450.0, True), (590.0, False)])
+def test_a_mode_with_less_than_two_samples_a_period_is_not_told_from_a_delay(frequency, plausible):
+    mode = CAUSES["resonance"].of(None, share=0.3, frequency=frequency, damping=0.1)
+    assert mode.plausible(data_of(250.0, 60.0)) == plausible  # a millisecond between samples
+
+
 def test_a_mode_that_hardly_rings_is_at_its_limit():
     low, high = CAUSES["resonance"].limits["damping"]
     assert low < 0.1 < 0.2 < high <= 0.25  # of 0.34 to 0.65 lags and delays have been called
