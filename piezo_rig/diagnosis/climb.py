@@ -10,52 +10,26 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from piezo_rig.causes import CAUSES
-from piezo_rig.causes.cause import Cause, FirstSpring
-from piezo_rig.diagnosis.abreast import abreast
+from piezo_rig.causes.cause import Cause
 from piezo_rig.diagnosis.bends import BEND, bend, with_own_bend
 from piezo_rig.diagnosis.detours import ONE_MORE, around, together
 from piezo_rig.diagnosis.fit import Point
 from piezo_rig.diagnosis.foretold import foretold, in_a_better_form
-from piezo_rig.diagnosis.forms import (
-    CARRIES,
-    carries,
-    converged,
-    in_another_form,
-    reached,
-    summit,
-)
+from piezo_rig.diagnosis.forms import converged, in_another_form, summit
 from piezo_rig.diagnosis.ladder import Ladder, Step
 from piezo_rig.diagnosis.likelihood import Likelihood
-from piezo_rig.diagnosis.needed import worth_needed
 from piezo_rig.diagnosis.own_laws import also, loosen, rather
-from piezo_rig.diagnosis.put_in import LARGE, refitted
+from piezo_rig.diagnosis.put_in import LARGE
+from piezo_rig.diagnosis.race import FAR_BEHIND, Tried, raced, tried
 from piezo_rig.diagnosis.reduction import reduce
 from piezo_rig.diagnosis.refit import Fitted, settle
-from piezo_rig.diagnosis.refusals import (
-    FAR_OFF,
-    MUCH,
-    OF_THE_MISFIT,
-    carrying,
-    of_a_corner,
-    of_a_law,
-    worse,
-)
-from piezo_rig.diagnosis.scan import (
-    LATER,
-    LEVEL,
-    RUN_OFF,
-    Found,
-    Scan,
-    by_speed,
-    of_base,
-    scan,
-)
+from piezo_rig.diagnosis.refusals import OF_THE_MISFIT, carrying, of_a_corner, of_a_law, worse
+from piezo_rig.diagnosis.scan import LATER, LEVEL, RUN_OFF, Found, Scan, of_base, scan
 from piezo_rig.diagnosis.scores import score_generic
 from piezo_rig.diagnosis.space import Space
 from piezo_rig.diagnosis.spare import AMISS, NEEDED, clear, faint, idle, one_by_one, prune
@@ -63,7 +37,6 @@ from piezo_rig.diagnosis.spare import AMISS, NEEDED, clear, faint, idle, one_by_
 FloatArray = NDArray[np.float64]
 MOST = 8  # findings
 DOUBTFUL = 1e-6  # chance of a false alarm above which a cause must predict unseen data better
-FAR_BEHIND = 0.5  # of the best refit's gain: below it a rival's reach is not looked for
 ROUNDS, FEW = 2, 3
 CAME_TO_NOTHING = "once refitted it came out at a limit, or no different from nothing"
 # held-out error beside the noise, of that when a cause was refused, below which it is tried again
@@ -71,14 +44,13 @@ NEARER = 0.9
 MUCH_NEARER = 0.5  # the same for one that came to nothing
 # gain of a law let go of, of what any other cause would, while there is one; of what a table would
 PLAINLY, OF_A_TABLE = 2.0, 0.3
-OF_ANOTHER = 1.0  # log-likelihood by a linear look, up to which no other kind of bend is tried
 OF_A_BEND = 0.8  # worth of a bend, of that of a law, from which on it is the bend
+OF_ANOTHERS = 0.5  # log-likelihood of a rival beside the member that was taken, of that before
 MASKED = 0.5  # worth of a cause, of that of one which was refused for what it predicts
 HOPE = 1.5  # times what the last step of a climb gained that each further one may gain
 PAIR = 2  # causes, each gaining as much as the best by a linear look, that may do for a detour
 MUCH_OF_IT = 0.7  # squared error beyond the noise, of that before, with what explains much of it
 Tell = Callable[[str], None]
-Tried = tuple[float, int, Fitted]  # what a cause is worth once refitted, its number, the refit
 
 
 def climb(
@@ -199,6 +171,7 @@ class Search:
             self.rather = []
             result = found.result
             self.scans.append(result)
+            self.without_others_names(result)
             family = self.family(result)
             level = min(LATER if self.causes else LEVEL, self.level)
             good = np.flatnonzero(family < level)
@@ -228,6 +201,20 @@ class Search:
                     or self.explained(here, found, family)):  # fmt: skip
                 return
 
+    def without_others_names(self, result: Scan) -> None:
+        """Rivals of the newest member which are asked for beside it much as before are names of
+        another effect, that happened to be worth as much.
+        """
+        if not self.steps:
+            return
+        asked = dict(zip(result.ids, result.ratio, strict=True))
+        newest = self.steps[-1]
+        rivals = {
+            id: gained for id, gained in newest.rivals.items()
+            if asked.get(id, 0.0) < OF_ANOTHERS * gained
+        }  # fmt: skip
+        self.steps[-1] = replace(newest, rivals=rivals)
+
     def explained(self, here: Fitted, found: Found, family: FloatArray) -> bool:
         """Take in what a linear look leaves in doubt, where that explains much of what is amiss.
 
@@ -239,7 +226,7 @@ class Search:
             return False
         good = np.flatnonzero(family < LEVEL)
         likeliest = good[np.argsort(-found.result.excess[good])][:RUN_OFF]
-        for worth, i, fitted in sorted(self.tried(here, found, likeliest), key=lambda t: -t[0]):
+        for worth, i, fitted in sorted(tried(self, here, found, likeliest), key=lambda t: -t[0]):
             left = self.error(0, fitted) ** 2 - self.noise_nm**2
             id = found.result.ids[i]
             if worth > ONE_MORE and left < MUCH_OF_IT * amiss and (
@@ -263,23 +250,13 @@ class Search:
     ) -> bool:
         """Refit with the likeliest causes and keep the best; False where none can be kept."""
         result = found.result
-        close = result.close(good)
-        close = [*close, *(i for i in self.rather if i not in close)]
-        tried = self.tried(here, found, close)
-        tried += self.tried(here, found, self.as_fast(here, result, good, tried), tried)
-        bends = [i for i, id in enumerate(result.ids) if of_base(id) and i not in close]
-        # what a bend of another kind leaves looks like a law, or an asymmetry
-        bent = here.point.model.stage(BEND) is not None and (
-            any(result.ratio[i] > OF_ANOTHER for i in bends)
-        )
-        if bends and (bent or self.still_far_off(here, [fitted for _, _, fitted in tried])):
-            tried += self.tried(here, found, bends)
+        refits, any_close = raced(self, here, found, good)
 
         def likely(one: Tried) -> float:
             id = result.ids[one[1]]
             return one[0] * (1.0 if of_base(id) or CAUSES[id].has_elements else OF_A_BEND)
 
-        for worth, i, fitted in sorted(carrying(self, tried), key=likely, reverse=True):
+        for worth, i, fitted in sorted(carrying(self, refits), key=likely, reverse=True):
             id = result.ids[i]
             if worth <= 0.0:
                 why = "once refitted it says no more than the model without it"
@@ -301,29 +278,15 @@ class Search:
             fitted = in_a_better_form(self, here, result, i, fitted)
             if self.masked(here, worth) or rather(self, here, fitted, id):
                 return True
-            self.rivals = [f for w, _, f in tried if f is not fitted and w > FAR_BEHIND * worth]
-            rivals = tuple(
-                result.ids[j] for w, j, _ in tried
+            self.rivals = [f for w, _, f in refits if f is not fitted and w > FAR_BEHIND * worth]
+            rivals = {
+                result.ids[j]: float(result.ratio[j]) for w, j, _ in refits
                 if j != i and w > worth - NEEDED and not of_base(result.ids[j])
-            )
+            }
             self.accept(Step(id, float(family[i]), fitted, rivals))
             self.tidy()
             return True
-        return foretold(self, here, found, tried, family) or bool(close)
-
-    def as_fast(
-        self, here: Fitted, result: Scan, good: NDArray[np.int64], tried: Sequence[Tried]
-    ) -> list[int]:
-        """What may be taken for the likeliest cause that goes by speed, unless that one neither
-        promised nor gained nearly as much as the best refit.
-        """
-        gained = {i: fitted.evidence - here.evidence for _, i, fitted in tried}
-        least = FAR_BEHIND * max(gained.values(), default=0.0)
-        near = any(
-            max(gained.get(i, 0.0), result.excess[i]) >= least
-            for i in result.close(good) if by_speed(result.ids[i])
-        )  # fmt: skip
-        return result.alike(good) if near else []
+        return foretold(self, here, found, refits, family) or any_close
 
     def may_go_on(self, id: str) -> bool:
         """Whether what a member brings along from before a recording may be all there is of it."""
@@ -335,47 +298,6 @@ class Search:
     def harms(self, here: Fitted, fitted: Fitted) -> bool:
         """Whether a model predicts recordings worse than one without its newest member."""
         return self.error(0, fitted) > self.error(0, here) and self.helps(fitted, here, False)
-
-    def still_far_off(self, here: Fitted, tried: Sequence[Fitted]) -> bool:
-        """Whether a model is far off, and none of its extensions brings it much nearer."""
-        error = self.error(0, here)
-        if error < FAR_OFF * self.noise_nm or here.point.fixed:
-            return False
-        return min((self.error(0, fitted) for fitted in tried), default=error) > MUCH * error
-
-    def tried(
-        self, here: Fitted, found: Found, close: Sequence[int] | NDArray[np.int64],
-        before: Sequence[Tried] = (),
-    ) -> list[Tried]:
-        """What causes are worth once refitted, their numbers, the refits; without those of which
-        nothing is left.
-
-        ``before`` : others that they are compared with
-        """
-        if not len(close):
-            return []
-        result = found.result
-        self.tell(f"refit with {' or '.join(result.ids[i] for i in close)}")
-        slow = sorted(map(int, close), key=lambda i: not _slow(result.ids[i]))  # these first
-        refits = dict(zip(slow, abreast(self.space, [
-            partial(refitted, self.space, here, found, i) for i in slow
-        ], here.parts), strict=True))  # fmt: skip
-        begun = [(int(i), f) for i in close if (f := refits[int(i)]) is not None]
-        for i in set(map(int, close)) - {i for i, _ in begun}:
-            self.came_to_nothing(result.ids[i], here)
-        fits = [*(fitted for *_, fitted in before), *(f for _, f in begun)]
-        most = max((f.evidence - here.evidence for f in fits), default=0.0)
-        known = [part for _, f in begun for part in f.parts]
-        # laws first: their forms are many
-        begun.sort(key=lambda b: "reach" not in CAUSES[result.ids[b[0]]].optional)
-        grow = [partial(self.grown, here, found, i, f, most) for i, f in begun]
-        grown = abreast(self.space, grow, [*here.parts, *known])
-        tried: list[Tried] = []
-        for (i, _), (worth, fitted, error) in zip(begun, grown, strict=True):
-            tried.append((worth, i, fitted))
-            if error is not None:
-                self.keep_error(fitted, error)
-        return tried
 
     def masked(self, here: Fitted, worth: float) -> bool:
         """Take in two that hide each other, where one alone is worth far more than what is next.
@@ -415,20 +337,6 @@ class Search:
                     self.steps[-1] = replace(self.steps[-1], fitted=fitted)
             fitted = in_another_form(self.space, self.fitted, id)
             self.steps[-1] = replace(self.steps[-1], fitted=fitted)
-
-    def grown(
-        self, here: Fitted, found: Found, i: int, fitted: Fitted, most: float
-    ) -> tuple[float, Fitted, float | None]:
-        """A refit at its best reach; what it is worth, and its held-out error if that matters."""
-        id = found.result.ids[i]
-        # a law that is steep may be far behind until it is begun so
-        steep = most < LARGE and issubclass(CAUSES[id], FirstSpring)
-        if steep or fitted.evidence - here.evidence >= FAR_BEHIND * most:
-            fitted = reached(self.space, fitted, id, here)
-        chance = 2.0 * found.result.null_median[i] + worth_needed(fitted, id)
-        chance += CARRIES * carries(fitted, id)
-        worth = float(fitted.evidence - here.evidence - chance)
-        return worth, fitted, self.error(0, fitted) if worth > 0.0 else None
 
     def bar(self, id: str, here: Fitted, why: str, nearer: float) -> None:
         """Refuse a cause until so much of what is left beside the noise is left."""
@@ -477,9 +385,3 @@ class Search:
         if not self.rearranged or not self.steps:
             return self.steps
         return one_by_one(self.space, self.steps, self.tell)
-
-
-def _slow(id: str) -> bool:
-    """Whether a cause is begun from several places, as beside kinks."""
-    kind = CAUSES[id]
-    return issubclass(kind, Cause) and bool(kind.kinked or kind.bending)

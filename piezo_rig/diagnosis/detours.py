@@ -88,7 +88,7 @@ def detour(search: Search) -> bool:
 
 def _worth(search: Search) -> float:
     """Evidence of a ladder beyond what its tables gain by chance, and laws that hang on two half
-    loops: see `Search.grown`.
+    loops: see `race.tried`.
     """
     fitted, members = search.fitted, search.causes
     return fitted.evidence - sum(

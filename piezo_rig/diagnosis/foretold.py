@@ -53,7 +53,7 @@ def foretold(
         least = NEAR * search.error(0, fitted)
         near = [j for j in order if j != i and search.error(0, best[j]) < least]
         search.barred.pop(id, None)
-        rivals = tuple(found.result.ids[j] for j in near)
+        rivals = {found.result.ids[j]: float(found.result.ratio[j]) for j in near}
         search.accept(Step(id, float(family[i]), fitted, rivals))
         search.tidy()
         return True

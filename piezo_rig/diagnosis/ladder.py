@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 from piezo_rig.diagnosis.refit import Fitted
 from piezo_rig.diagnosis.scan import Scan
@@ -10,12 +11,15 @@ from piezo_rig.diagnosis.scan import Scan
 
 @dataclass(frozen=True, eq=False)
 class Step:
-    """One accepted cause, and the model with it; ``rivals`` were refitted to nearly the same."""
+    """One accepted cause, and the model with it.
+
+    ``rivals`` were refitted to nearly the same, with what a linear look had promised of each.
+    """
 
     cause: str
     p_value: float
     fitted: Fitted
-    rivals: tuple[str, ...] = ()
+    rivals: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)

@@ -138,6 +138,25 @@ def test_what_came_to_nothing_is_tried_again_with_half_of_what_was_left(
     assert ("rate-dependence" not in search.barred) == again
 
 
+@pytest.mark.parametrize(("beside_it", "names"), [
+    ({"time-skew": 3.0, "clock-ratio": 1.0}, {"time-skew", "clock-ratio"}),  # it does for both
+    ({"time-skew": 170.0, "clock-ratio": 30.0}, {"clock-ratio"}),  # a delay is there besides
+    ({"time-skew": 170.0}, {"clock-ratio"}),  # what is not looked for any more
+])  # fmt: skip
+def test_a_rival_that_is_asked_for_as_much_beside_a_member_is_no_other_name_of_it(
+    fitted, beside_it, names
+):
+    space, one, _ = fitted
+    step = Step("initiation-stage", 1e-9, one, {"time-skew": 190.0, "clock-ratio": 180.0})
+    search = Search(space, one, np.random.default_rng(0), quiet, [(lambda f: 2.0, 1.0)], 2.0, 0,
+                    lambda less, full: True, [step])  # fmt: skip
+    for _ in range(2):  # looking twice says the same
+        search.without_others_names(
+            SimpleNamespace(ids=tuple(beside_it), ratio=np.array(list(beside_it.values())))
+        )
+        assert set(search.steps[-1].rivals) == names
+
+
 def test_a_rung_that_was_fitted_beside_the_same_members_is_kept(fitted):
     space, one, both = fitted
     told = []

@@ -1,0 +1,136 @@
+"""Causes that are about as likely, refitted side by side: what each is worth then."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from piezo_rig.causes import CAUSES
+from piezo_rig.causes.cause import Cause, FirstSpring
+from piezo_rig.diagnosis.abreast import abreast
+from piezo_rig.diagnosis.bends import BEND
+from piezo_rig.diagnosis.forms import CARRIES, carries, reached
+from piezo_rig.diagnosis.needed import worth_needed
+from piezo_rig.diagnosis.put_in import LARGE, refitted
+from piezo_rig.diagnosis.refit import Fitted
+from piezo_rig.diagnosis.refusals import FAR_OFF, MUCH
+from piezo_rig.diagnosis.scan import Found, Scan, by_speed, of_base
+
+if TYPE_CHECKING:
+    from piezo_rig.diagnosis.climb import Search
+
+FAR_BEHIND = 0.5  # of the best refit's gain: below it a rival's reach is not looked for
+OF_ANOTHER = 1.0  # log-likelihood by a linear look, up to which no other kind of bend is tried
+Tried = tuple[float, int, Fitted]  # what a cause is worth once refitted, its number, the refit
+
+
+def raced(
+    search: Search, here: Fitted, found: Found, good: NDArray[np.int64]
+) -> tuple[list[Tried], bool]:
+    """The likeliest causes, what may be taken for them, and where that may help other bends.
+
+    Parameters
+    ----------
+    good : numbers of those that chance does not explain
+
+    Returns
+    -------
+    tried : see `tried`
+    any : whether there were any to refit but bends
+    """
+    result = found.result
+    close = result.close(good)
+    close = [*close, *(i for i in search.rather if i not in close)]
+    out = tried(search, here, found, close)
+    out += tried(search, here, found, _as_fast(here, result, good, out), out)
+    bends = [i for i, id in enumerate(result.ids) if of_base(id) and i not in close]
+    # what a bend of another kind leaves looks like a law, or an asymmetry
+    bent = here.point.model.stage(BEND) is not None and (
+        any(result.ratio[i] > OF_ANOTHER for i in bends)
+    )
+    if bends and (bent or _still_far_off(search, here, [fitted for _, _, fitted in out])):
+        out += tried(search, here, found, bends)
+    return out, bool(close)
+
+
+def tried(
+    search: Search, here: Fitted, found: Found, close: Sequence[int] | NDArray[np.int64],
+    before: Sequence[Tried] = (),
+) -> list[Tried]:
+    """What causes are worth once refitted, their numbers, the refits; without those of which
+    nothing is left.
+
+    ``before`` : others that they are compared with
+    """
+    if not len(close):
+        return []
+    result = found.result
+    search.tell(f"refit with {' or '.join(result.ids[i] for i in close)}")
+    slow = sorted(map(int, close), key=lambda i: not _slow(result.ids[i]))  # these first
+    refits = dict(zip(slow, abreast(search.space, [
+        partial(refitted, search.space, here, found, i) for i in slow
+    ], here.parts), strict=True))  # fmt: skip
+    begun = [(int(i), f) for i in close if (f := refits[int(i)]) is not None]
+    for i in set(map(int, close)) - {i for i, _ in begun}:
+        search.came_to_nothing(result.ids[i], here)
+    fits = [*(fitted for *_, fitted in before), *(f for _, f in begun)]
+    most = max((f.evidence - here.evidence for f in fits), default=0.0)
+    known = [part for _, f in begun for part in f.parts]
+    # laws first: their forms are many
+    begun.sort(key=lambda b: "reach" not in CAUSES[result.ids[b[0]]].optional)
+    grow = [partial(_grown, search, here, found, i, f, most) for i, f in begun]
+    grown = abreast(search.space, grow, [*here.parts, *known])
+    out: list[Tried] = []
+    for (i, _), (worth, fitted, error) in zip(begun, grown, strict=True):
+        out.append((worth, i, fitted))
+        if error is not None:
+            search.keep_error(fitted, error)
+    return out
+
+
+def _as_fast(
+    here: Fitted, result: Scan, good: NDArray[np.int64], fits: Sequence[Tried]
+) -> list[int]:
+    """What may be taken for the likeliest cause that goes by speed, unless that one neither
+    promised nor gained nearly as much as the best refit.
+    """
+    gained = {i: fitted.evidence - here.evidence for _, i, fitted in fits}
+    least = FAR_BEHIND * max(gained.values(), default=0.0)
+    near = any(
+        max(gained.get(i, 0.0), result.excess[i]) >= least
+        for i in result.close(good) if by_speed(result.ids[i])
+    )  # fmt: skip
+    return result.alike(good) if near else []
+
+
+def _still_far_off(search: Search, here: Fitted, tried: Sequence[Fitted]) -> bool:
+    """Whether a model is far off, and none of its extensions brings it much nearer."""
+    error = search.error(0, here)
+    if error < FAR_OFF * search.noise_nm or here.point.fixed:
+        return False
+    return min((search.error(0, fitted) for fitted in tried), default=error) > MUCH * error
+
+
+def _grown(
+    search: Search, here: Fitted, found: Found, i: int, fitted: Fitted, most: float
+) -> tuple[float, Fitted, float | None]:
+    """A refit at its best reach; what it is worth, and its held-out error if that matters."""
+    id = found.result.ids[i]
+    # a law that is steep may be far behind until it is begun so
+    steep = most < LARGE and issubclass(CAUSES[id], FirstSpring)
+    if steep or fitted.evidence - here.evidence >= FAR_BEHIND * most:
+        fitted = reached(search.space, fitted, id, here)
+    chance = 2.0 * found.result.null_median[i] + worth_needed(fitted, id)
+    chance += CARRIES * carries(fitted, id)
+    worth = float(fitted.evidence - here.evidence - chance)
+    return worth, fitted, search.error(0, fitted) if worth > 0.0 else None
+
+
+def _slow(id: str) -> bool:
+    """Whether a cause is begun from several places, as beside kinks."""
+    kind = CAUSES[id]
+    return issubclass(kind, Cause) and bool(kind.kinked or kind.bending)
