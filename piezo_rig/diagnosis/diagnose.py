@@ -281,7 +281,8 @@ def _rest(
     model, left_nm = last.point.model, rungs[-1].rms_nm
     rest = unexplained(space, last, floor or left_nm, by_laws_nm(rungs), turns.rng, left_nm)
     rest = with_line(rest, find_line(clean, model), floor)
-    rest = with_gain(rest, unsteady(space.groups, space.whitener, model), floor)
+    gain = unsteady(space.groups, space.whitener, model)
+    rest = with_gain(rest, gain, floor, by_laws_nm(rungs, AGEING))
     if refused.get(AGEING) == WANDERS:
         rest = with_wandering(rest, *wandering(space, last))
     rest = with_bursts(rest, bursts(space.groups, model), floor)

@@ -72,18 +72,27 @@ def needless(fitted: Fitted, causes: list[str]) -> str | None:
     return None
 
 
+def at_a_limit(point: Point, id: str, but: str = "") -> bool:
+    """Whether a fitted number of a member is at a limit: a law that runs into one is not this law.
+
+    ``but`` : a number that is not asked for
+    """
+    stage = point.model.stage(id)
+    assert stage is not None
+    limits = getattr(type(stage), "limits", {})
+    own = [n for i, n in point.names if i == id and n != but]
+    return any(not limits[n][0] < stage[n] < limits[n][1] for n in own if n in limits)
+
+
 def does_nothing(space: Space, point: Point, id: str) -> bool:
     """Whether a member came out at a limit, or changes less than the noise of all data shows."""
     stage = point.model.stage(id)
     assert stage is not None
     names = [n for i, n in point.names if i == id]
-    kind = type(stage)
     if not names:
         return False
-    for name in names:  # a law that runs into its limit is not this law
-        low, high = getattr(kind, "limits", {}).get(name, (-np.inf, np.inf))
-        if not low < stage[name] < high:
-            return True
+    if at_a_limit(point, id):
+        return True
     if isinstance(stage, Cause) and not stage.plausible(context_of(space, point.model)):
         return True
     less = point.model.without(id)

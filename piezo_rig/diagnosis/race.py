@@ -14,7 +14,7 @@ from piezo_rig.causes.cause import Cause, FirstSpring
 from piezo_rig.diagnosis.abreast import abreast
 from piezo_rig.diagnosis.bends import BEND
 from piezo_rig.diagnosis.forms import CARRIES, carries, reached
-from piezo_rig.diagnosis.needed import worth_needed
+from piezo_rig.diagnosis.needed import at_a_limit, worth_needed
 from piezo_rig.diagnosis.put_in import LARGE, refitted
 from piezo_rig.diagnosis.refit import Fitted
 from piezo_rig.diagnosis.refusals import FAR_OFF, MUCH
@@ -86,6 +86,10 @@ def tried(
     grown = abreast(search.space, grow, [*here.parts, *known])
     out: list[Tried] = []
     for (i, _), (worth, fitted, error) in zip(begun, grown, strict=True):
+        id = result.ids[i]
+        if at_a_limit(fitted.point, id, getattr(CAUSES[id], "scanned", ("",))[0]):
+            search.came_to_nothing(id, here)
+            continue
         out.append((worth, i, fitted))
         if error is not None:
             search.keep_error(fitted, error)

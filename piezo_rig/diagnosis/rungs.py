@@ -26,9 +26,9 @@ def rungs_of(
     return rungs, [gain(before, after, rng) for before, after in pairwise(errors)]
 
 
-def by_laws_nm(rungs: Sequence[Rung]) -> float:
-    """Rms error that causes with a law may have left of what they took; tables and bends fit
-    whatever there is.
+def by_laws_nm(rungs: Sequence[Rung], only: str | None = None) -> float:
+    """Rms error that causes with a law, or one of them, may have left of what they took; tables
+    and bends fit whatever there is.
     """
     def leaves(cause: str) -> float:
         kind = CAUSES[cause]
@@ -38,6 +38,6 @@ def by_laws_nm(rungs: Sequence[Rung]) -> float:
         leaves(after.added) ** 2 * max(before.rms_nm**2 - after.rms_nm**2, 0.0)
         for before, after in pairwise(rungs)
         if after.added not in NO_FINDINGS and not CAUSES[after.added].has_elements
-        and after.added not in EVENTS
+        and after.added not in EVENTS and only in (None, after.added)
     )  # fmt: skip
     return float(np.sqrt(square))

@@ -24,7 +24,8 @@ FloatArray = NDArray[np.float64]
 WORDS = ("drive", "displacement", "direction", "range", "time_since_turn", "cycle", "clock",
          "frequency")  # fmt: skip
 LINES = 0.2  # of the false alarms that a line may take, and a gain
-SEEN = 0.1  # of the noise floor: an unsteady gain that is worth a word
+# of the noise floor: an unsteady gain, and a line, that are worth a word
+SEEN, OF_A_LINE = 0.1, 0.02
 SHARE = 0.2  # of the structured power that a tag must carry to be named
 # of the noise, that structure must exceed: where it was measured between repeats, and where it was
 # estimated from what is left, so that slow noise and slow structure are told apart by assumption
@@ -139,27 +140,35 @@ def _known_nm(space: Space, noise_nm: float) -> float:
 
 def with_line(rest: Unexplained, line: Line | None, floor_nm: float | None) -> Unexplained:
     """The verdict with a line in clock time that no cause explains."""
-    if line is None or line.p_value > LEVEL * LINES or line.rms_nm < 0.02 * (floor_nm or 0.0):
+    if line is None or line.p_value > LEVEL * LINES:
         return rest
     text = f"a line at {line.frequency:.1f} Hz in clock time, {_two(line.rms_nm)} nm rms"
-    return _besides(rest, line.p_value, line.rms_nm, ("clock", "frequency"), text)
+    least = OF_A_LINE * (floor_nm or 0.0)
+    return _besides(rest, line.p_value, line.rms_nm, least, ("clock", "frequency"), text)
 
 
-def with_gain(rest: Unexplained, gain: Unsteady | None, floor_nm: float | None) -> Unexplained:
-    """The verdict with a gain that differs between recordings or along them."""
-    if gain is None or gain.p_value > LEVEL * LINES or gain.rms_nm < SEEN * (floor_nm or 0.0):
+def with_gain(
+    rest: Unexplained, gain: Unsteady | None, floor_nm: float | None, of_ageing_nm: float = 0.0
+) -> Unexplained:
+    """The verdict with a gain that differs between recordings or along them.
+
+    ``of_ageing_nm`` : rms that an ageing by an assumed law may have left of itself
+    """
+    if gain is None or gain.p_value > LEVEL * LINES:
         return rest
     text = (f"recordings of the same drive differ by {100.0 * gain.share:.2g} % of the "
             f"displacement, {_two(gain.rms_nm)} nm rms: the gain of amplifier or sensor is not "
             "steady")  # fmt: skip
-    return _besides(rest, gain.p_value, gain.rms_nm, ("clock", "displacement"), text)
+    least = float(np.hypot(SEEN * (floor_nm or 0.0), of_ageing_nm))
+    return _besides(rest, gain.p_value, gain.rms_nm, least, ("clock", "displacement"), text)
 
 
 def with_wandering(rest: Unexplained, share: float, rms_nm: float) -> Unexplained:
     """The verdict with a gain that changes along the only recording, which is no ageing."""
     text = (f"the gain changes by {100.0 * share:.2g} % along the recording, "
             f"{_two(rms_nm)} nm rms, otherwise than with the count of its cycles")  # fmt: skip
-    return _besides(rest, rest.p_value, rms_nm, ("clock", "displacement"), text)
+    least = rest.allowance_nm
+    return _besides(rest, rest.p_value, rms_nm, least, ("clock", "displacement"), text)
 
 
 def with_bursts(rest: Unexplained, bursts: Bursts | None, floor_nm: float | None) -> Unexplained:
@@ -167,27 +176,37 @@ def with_bursts(rest: Unexplained, bursts: Bursts | None, floor_nm: float | None
 
     Without repeats it is looked for in what the model leaves, and more than the model may leave.
     """
-    least = SEEN * floor_nm if floor_nm else rest.allowance_nm
-    if bursts is None or bursts.rms_nm < least:
+    if bursts is None:
         return rest
-    return _besides(rest, rest.p_value, bursts.rms_nm, ("clock",), bursts.text)
+    least = SEEN * floor_nm if floor_nm else rest.allowance_nm
+    return _besides(rest, rest.p_value, bursts.rms_nm, least, ("clock",), bursts.text)
 
 
 def with_levels(rest: Unexplained, found: Levels | None) -> Unexplained:
     """The verdict with noise that switches between two levels."""
     if found is None:
         return rest
-    return _besides(rest, rest.p_value, found.rms_nm, ("clock",), found.text)
+    return _besides(rest, rest.p_value, found.rms_nm, 0.0, ("clock",), found.text)
 
 
 def _besides(
-    rest: Unexplained, p_value: float, rms_nm: float, goes_with: tuple[str, ...], text: str
-) -> Unexplained:
-    """The verdict with something more that no cause explains."""
+    rest: Unexplained, p_value: float, rms_nm: float, least_nm: float,
+    goes_with: tuple[str, ...], text: str,
+) -> Unexplained:  # fmt: skip
+    """The verdict with something more that no cause explains, if that is more than it may be.
+
+    What repeats disagree by is no mismatch of the base model: it has an allowance of its own.
+
+    ``least_nm`` : rms that it may be
+    """
+    if not rms_nm > least_nm:
+        return rest
     words = [w for w in WORDS if w in {*rest.depends_on, *goes_with}]
+    if not rest.detected:
+        return Unexplained(True, min(rest.p_value, p_value), rms_nm, least_nm, words, text)
     return Unexplained(
         True, min(rest.p_value, p_value), float(np.hypot(rest.rms_nm, rms_nm)), rest.allowance_nm,
-        words, f"{rest.text}; {text}" if rest.text else text,
+        words, f"{rest.text}; {text}",
     )  # fmt: skip
 
 
