@@ -38,6 +38,7 @@ from piezo_rig.diagnosis.held_out import (
 from piezo_rig.diagnosis.ladder import Ladder, Step
 from piezo_rig.diagnosis.monitored import corrected, freed, taken_in
 from piezo_rig.diagnosis.over_scales import over_scales
+from piezo_rig.diagnosis.put_right import put_right
 from piezo_rig.diagnosis.reaches import Intervals, Known, at_their_reaches
 from piezo_rig.diagnosis.refit import Fitted, refit, settle
 from piezo_rig.diagnosis.scale import on_one_scale
@@ -225,6 +226,13 @@ def _climbed(
     )  # fmt: skip
     if out.turned is not None:
         return out
+    if start.fixed and (right := put_right(
+        space, first, out.error_nm(out.ladder.last), out.noise_nm, out.error_nm
+    )) is not None:  # fmt: skip
+        tell(f"with {right.cause} put right")
+        out.monitored.append(right)
+        # back at home: what it is off by there looks like many causes, and is none
+        out.ladder = replace(out.ladder, first=right.fitted, steps=())
     if brief and out.ladder.steps:
         return out
     if not out.monitored or reading is None:

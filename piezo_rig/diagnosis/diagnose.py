@@ -251,9 +251,9 @@ def _of_the_ladder(
     members = {s.cause for s in steps}
     found = []
     for (step, gain), one in zip(told, apart, strict=True):
-        others: list[str] = []
+        others = [c for c in step.rivals if c not in members]
         if step not in search.monitored:  # which was seen where none of these would show
-            others = [*one.alternatives, *(c for c in step.rivals if c not in members)]
+            others = [*one.alternatives, *others]
         others += [
             c for c in within_what_is_wrong(
                 space, last, step.cause, 1e-3 * left_nm,

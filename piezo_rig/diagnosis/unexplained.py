@@ -74,8 +74,10 @@ def unexplained(
     generic_gram = gram[bends + fines :, bends + fines :]
     fine_gram = gram[bends : bends + fines, bends : bends + fines]
     rms = 1e3 * float(np.sqrt(max(float(generic @ generic_gram @ generic), 0.0) / samples))
+    if np.isfinite(space.own_um):  # nothing follows the data: all that is left is what is left
+        rms = min(rms, float(np.sqrt(max(held_out_nm**2 - noise_nm**2, 0.0))))
     mismatch = 1e3 * float(np.sqrt(max(float(fine @ fine_gram @ fine), 0.0) / samples))
-    known, of_laws = _known_nm(space, noise_nm), min(of_laws_nm, noise_nm)
+    known, of_laws = _known_nm(space, noise_nm, held_out_nm), min(of_laws_nm, noise_nm)
     travel_nm = 1e3 * space.groups.travel_um
     of_drive = _of_drive_nm(space)
     least = LEAST if all(g.repeats > 1 for g in space.groups.groups) else LEAST_ALONE
@@ -132,9 +134,15 @@ def _named(space: Space, generic: FloatArray, gram: FloatArray) -> list[str]:
     return named
 
 
-def _known_nm(space: Space, noise_nm: float) -> float:
-    """What a given model did not follow where it was identified either."""
+def _known_nm(space: Space, noise_nm: float, left_nm: float) -> float:
+    """What a given model did not follow where it was identified either.
+
+    How much of that was noise it does not say: as much as here, unless that leaves less than the
+    model is off by here and it is no further off than it was.
+    """
     own_nm = 1e3 * space.own_um if np.isfinite(space.own_um) else 0.0
+    if left_nm <= np.hypot(noise_nm, own_nm):
+        return own_nm
     return float(np.sqrt(max(own_nm**2 - noise_nm**2, 0.0)))
 
 
