@@ -32,6 +32,12 @@ def add_reading_arguments(parser: argparse.ArgumentParser) -> None:
                        help="what the actuator remembers when a recording begins; unknown")
 
 
+def reading_options(args: argparse.Namespace) -> list[str]:
+    """The options that say how DATA are read, as they are typed."""
+    said = [f"--{n}={v}" for n in _GIVEN if (v := getattr(args, n, None)) is not None]
+    return [*said, *(["--mixed-origin"] if getattr(args, "mixed_origin", False) else [])]
+
+
 def add_data_arguments(parser: argparse.ArgumentParser) -> None:
     """DATA..., how to read them, and whether origins may be mixed."""
     parser.add_argument("data", metavar="DATA", nargs="+",

@@ -66,7 +66,7 @@ def _together(args: argparse.Namespace) -> int:
     from dataclasses import replace
     from pathlib import Path
 
-    from piezo_rig.commands.data_options import load_data, load_while
+    from piezo_rig.commands.data_options import load_data, load_while, reading_options
 
     _check_follow_up(args)
     outputs = _outputs(args)
@@ -132,7 +132,10 @@ def _together(args: argparse.Namespace) -> int:
     more = f" and {len(args.data) - 1} more" if len(args.data) > 1 else ""
     title = f"{Path(args.data[0]).stem}{more}"
     if "report" in outputs:
-        print(f"report: {report_page(outputs['report'], title, found, args.data, hashes)}")
+        page = report_page(
+            outputs["report"], title, found, args.data, hashes, reading_options(args)
+        )
+        print(f"report: {page}")
     if "figure" in outputs:
         print(f"figure: {ladder_figure(outputs['figure'], title, found)}")
     return 0

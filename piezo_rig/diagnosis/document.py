@@ -11,10 +11,11 @@ from piezo_rig.causes.cause import Cause
 from piezo_rig.chain import Parameter
 from piezo_rig.diagnosis.early.reported import Several
 from piezo_rig.diagnosis.events import LISTED, Event, in_all, size_text, where_text
-from piezo_rig.diagnosis.found import Diagnosis, Finding
+from piezo_rig.diagnosis.found import Diagnosis, Finding, said_all
 
 SCHEMA = "piezo-rig/diagnosis/1"
 LEAST_P = 1e-299  # a chance is small, and never none
+TRIED_OUT = 1e-6  # chances below it are of laws that nobody has tried out so far
 PRINTED = 20  # events of one cause, in a terminal
 
 
@@ -106,12 +107,12 @@ def text(d: Diagnosis) -> list[str]:
     if not d.findings:
         lines.append(
             "findings  none: no known cause says what is left" if d.unexplained.detected
-            else "findings  none: the baseline says all that these data can show"
+            else f"findings  none: {said_all(d, 'the baseline')} says all that these data can show"
         )
     for finding in d.findings:
         lines.append(
             f"finding   {finding.cause} ({finding.place}), "
-            f"chance of a false alarm {finding.p_value:.2g}"
+            f"chance of a false alarm {_chance(finding.p_value)}"
         )
         for name, p in finding.parameters.items():
             if not (finding.events and name in LISTED):
@@ -140,6 +141,11 @@ def text(d: Diagnosis) -> list[str]:
             + (f"; {d.follow_up.scaled}" if d.follow_up.scaled else "")
         )
     return lines
+
+
+def _chance(p: float) -> str:
+    """No smaller than anybody has tried out."""
+    return f"below {TRIED_OUT:g}" if p < TRIED_OUT else f"{p:.2g}"
 
 
 def _is_chosen(finding: Finding, name: str) -> bool:

@@ -68,3 +68,12 @@ class Diagnosis:
     refused: dict[str, str] = field(default_factory=dict)
     workings: Workings | None = None  # for a report
     assumed: list[str] = field(default_factory=list)  # of recordings, as they were read
+
+
+def said_all(found: Diagnosis, baseline: str) -> str:
+    """What says all there is where nothing was found: a baseline, and what was added to its base.
+
+    ``baseline`` : what it is called
+    """
+    bent = any(r.added in NO_FINDINGS and r.added != REFITTED for r in found.rungs[1:])
+    return f"{baseline}, with a memoryless bend," if bent else baseline

@@ -32,6 +32,7 @@ FEW = 3  # notes of one kind that are given one by one
 _BEFORE = re.compile(
     r"(?P<whose>.*): history unknown, (?P<first>\d+) of (?P<of>\d+) samples (?P<what>before .*)"
 )
+_BEGINS = re.compile(r"(?P<whose>.*): (?P<what>(history unknown, but )?it begins at rest.*)")
 FloatArray = NDArray[np.float64]
 COVERED, LASTS = 0.25, 0.5  # of the drive's range, or of its samples, with a known memory
 EXTREME = 0.005  # of the range: this near counts as having visited an extreme
@@ -201,21 +202,30 @@ def gathered(notes: Sequence[str]) -> list[str]:
     """Notes that say the same of many recordings, but for how many samples, as one."""
     alike: dict[str, list[re.Match[str]]] = {}
     for note in notes:
-        if (said := _BEFORE.fullmatch(note)) is not None:
+        if (said := _of_one(note)) is not None:
             alike.setdefault(said["what"], []).append(said)
     out = []
     for note in notes:
-        said = _BEFORE.fullmatch(note)
+        said = _of_one(note)
         every = alike[said["what"]] if said is not None else []
         if said is None or len(every) <= FEW:
             out.append(note)
         elif note == every[0].string:
+            whose = f"{said['whose']} and {len(every) - 1} more"
+            if said.re is _BEGINS:
+                out.append(f"{whose}: {said['what']}")
+                continue
             shares = [100.0 * int(m["first"]) / int(m["of"]) for m in every]
             out.append(
-                f"{every[0]['whose']} and {len(every) - 1} more: history unknown, "
+                f"{whose}: history unknown, "
                 f"{min(shares):.0f} to {max(shares):.0f} % of their samples {said['what']}"
             )
     return out
+
+
+def _of_one(note: str) -> re.Match[str] | None:
+    """What a note says of one recording, if others may say the same."""
+    return _BEFORE.fullmatch(note) or _BEGINS.fullmatch(note)
 
 
 def _track(

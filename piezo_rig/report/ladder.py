@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from piezo_rig.diagnosis.events import LISTED, in_all
-from piezo_rig.diagnosis.found import NO_FINDINGS, Diagnosis, Finding, Rung
+from piezo_rig.diagnosis.found import NO_FINDINGS, Diagnosis, Finding, Rung, said_all
 from piezo_rig.report.figures import ERROR, MEASURED, save
 
 GOOD, BASE, WORSE, QUIET = "#2f7d4f", "#8a8f98", "#c8551b", "#5c6470"
@@ -118,8 +118,9 @@ def _foot(found: Diagnosis) -> list[tuple[str, str]]:
     rest = found.unexplained
     if rest.detected:
         verdict = f"Unexplained: {rest.text}."
-    elif len(found.rungs) == 1:
-        verdict = "Nothing found: the baseline says all that these data can show."
+    elif not found.findings:
+        what = said_all(found, "the baseline")
+        verdict = f"Nothing found: {what} says all that these data can show."
     else:
         verdict = "Nothing more stands out."
     floor = "" if found.noise_floor_nm is not None else " No repeats: the noise is not known."

@@ -34,7 +34,7 @@ SHOWN = 3  # warnings at the top
 
 def report_page(
     path: Path, title: str, found: Diagnosis, files: Sequence[str] = (),
-    hashes: Mapping[str, str] | None = None,
+    hashes: Mapping[str, str] | None = None, options: Sequence[str] = (),
 ) -> Path:
     """Write the page of a diagnosis; returns the path.
 
@@ -43,18 +43,22 @@ def report_page(
     title : what was diagnosed
     files : DATA as given on the command line, for the commands that the page suggests
     hashes : name of every file -> its SHA-256
+    options : as given with the files, for those commands
 
     Raises
     ------
     BenchError : the disk refuses
     """
-    text = page(title, found, files, hashes or {})
+    text = page(title, found, files, hashes or {}, options)
     with place_for(path):
         path.write_text(text, encoding="utf-8", newline="\n")
     return path
 
 
-def page(title: str, found: Diagnosis, files: Sequence[str], hashes: Mapping[str, str]) -> str:
+def page(
+    title: str, found: Diagnosis, files: Sequence[str], hashes: Mapping[str, str],
+    options: Sequence[str] = (),
+) -> str:  # fmt: skip
     """The page's text."""
     workings = found.workings
     residuals = None if workings is None else Residuals(workings, found.rung_models)
@@ -65,7 +69,7 @@ def page(title: str, found: Diagnosis, files: Sequence[str], hashes: Mapping[str
         ("rest", "What remains", rest_html(found, residuals)),
         ("closer", "Look closer: the residual of any condition",
          "" if residuals is None else closer_html(found, residuals)),
-        ("next", "What to play next", next_html(found, files)),
+        ("next", "What to play next", next_html(found, files, options)),
         ("notes", "Notes", notes_html(found)),
         ("provenance", "Where this comes from", provenance_html(found, hashes)),
     ]  # fmt: skip

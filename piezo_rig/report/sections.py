@@ -14,6 +14,7 @@ from piezo_rig.causes.cause import Cause
 from piezo_rig.causes.mains_hum import FUNDAMENTALS_HZ
 from piezo_rig.diagnosis import Diagnosis, Finding
 from piezo_rig.diagnosis.events import LISTED, in_all
+from piezo_rig.diagnosis.found import said_all
 from piezo_rig.report.events import events_html, marks_of
 from piezo_rig.report.residuals import Residuals
 from piezo_rig.report.spectrum import hum_plot
@@ -45,8 +46,8 @@ def findings_html(found: Diagnosis, residuals: Residuals | None) -> str:
     if not found.findings and found.unexplained.detected:
         return "<p>No cause was named: none that is known says what is left.</p>"
     if not found.findings:
-        return (f"<p>No cause was named: {escape(found.baseline)} says all that these data can "
-                "show.</p>")  # fmt: skip
+        return (f"<p>No cause was named: {escape(said_all(found, found.baseline))} says all that "
+                "these data can show.</p>")  # fmt: skip
     return "\n".join(_finding(found, i, f, residuals) for i, f in enumerate(found.findings))
 
 
@@ -215,8 +216,8 @@ def _last(found: Diagnosis, residuals: Residuals, rung: int, view: View) -> Plot
     )  # fmt: skip
 
 
-def next_html(found: Diagnosis, files: Sequence[str]) -> str:
-    """What to play next, as it is typed."""
+def next_html(found: Diagnosis, files: Sequence[str], options: Sequence[str] = ()) -> str:
+    """What to play next, as it is typed; ``options`` as they were given with the files."""
     confused = [f for f in found.findings if f.alternatives]
     if not confused:
         return "<p>Nothing is confounded: no further protocol is needed to tell causes apart.</p>"
@@ -225,10 +226,15 @@ def next_html(found: Diagnosis, files: Sequence[str]) -> str:
         return (f"<p>Not decided yet: {escape(pairs)}. None of the shipped protocols would tell "
                 "them apart.</p>")  # fmt: skip
     name = found.follow_up.protocol
+    given = [*options]
+    if not all(f.endswith(".h5") for f in files):  # recordings are IMPORTED, a run never is
+        given.append("--mixed-origin")
     data = " ".join(shlex.quote(f) for f in files) or "DATA"
+    told = "".join(f" {shlex.quote(o)}" for o in dict.fromkeys(given))
     play = f"piezo-rig run {shlex.quote(name)} --rig YOUR_BENCH.toml --out runs"
-    look = f"piezo-rig diagnose {data} runs/{name}_*.h5 --report decided.html"
-    at_once = f"piezo-rig diagnose {data} --follow-up --rig YOUR_BENCH.toml --report decided.html"
+    look = f"piezo-rig diagnose {data} runs/{name}_*.h5{told} --report decided.html"
+    at_once = (f"piezo-rig diagnose {data}{told} --follow-up --rig YOUR_BENCH.toml "
+               "--report decided.html")  # fmt: skip
     return (
         f"<p>Not decided yet: {escape(pairs)}. Of the shipped protocols, <b>{escape(name)}</b> "
         f"separates {escape(' from '.join(found.follow_up.separates[:1]))} best from "

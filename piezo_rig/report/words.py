@@ -15,6 +15,7 @@ import numpy as np
 from piezo_rig.causes import CAUSES
 from piezo_rig.chain import Parameter
 from piezo_rig.diagnosis import Diagnosis, Finding
+from piezo_rig.diagnosis.found import said_all
 
 PLACES = {
     "drive": "the drive (amplifier)",
@@ -140,7 +141,8 @@ def verdict(d: Diagnosis) -> list[str]:
     elif d.unexplained.detected:
         out.append("No cause was named: none that is known says what is left.")
     else:
-        out.append("No cause was named: the model says all that these data can show.")
+        out.append(f"No cause was named: {said_all(d, 'the model')} says all that these data can "
+                   "show.")  # fmt: skip
     if len(d.rungs) > 1:
         times = first.rms_nm / max(last.rms_nm, 1e-12)
         falls = "falls" if times >= 1.0 else "comes"

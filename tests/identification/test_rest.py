@@ -7,7 +7,7 @@ import pytest
 from recordings import sweep
 from small_models import ride
 
-from piezo_rig.identification.data import prepare
+from piezo_rig.identification.data import gathered, prepare
 
 RADII, WEIGHTS = np.linspace(2.0, 45.0, 12), np.full(12, 0.004)
 N = 200  # samples of a cycle
@@ -92,3 +92,14 @@ def test_data_say_how_far_they_know_the_curves():
     drive = wave(unipolar)
     unknown = prepare([sweep(drive[STEADY], played(drive)[STEADY], history="unknown")])
     assert unknown.known_v(one_curve=True) == pytest.approx({"first_rise": 50.0, "branch": 100.0})
+
+
+@pytest.mark.parametrize(("count", "lines"), [(3, 3), (18, 1)])
+def test_what_many_recordings_begin_with_is_said_once(count, lines):
+    what = "history unknown, but it begins at rest (so it is said): taken for an initiation curve"
+    notes = [f"0-15 test {k}.lvm: sweep_{k:04d}: {what}" for k in range(1, count + 1)]
+    said = gathered([*notes[:1], "something else", *notes[1:]])
+    assert "something else" in said
+    assert len(said) == lines + 1
+    if lines == 1:
+        assert said[0] == f"0-15 test 1.lvm: sweep_0001 and 17 more: {what}"

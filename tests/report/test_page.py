@@ -20,12 +20,13 @@ from piezo_rig.chain import Parameter
 from piezo_rig.cli import main
 from piezo_rig.diagnosis.document import text
 from piezo_rig.diagnosis.follow_up import FollowUp
+from piezo_rig.diagnosis.found import Rung
 from piezo_rig.diagnosis.isolability import isolability
 from piezo_rig.errors import BenchError
 from piezo_rig.report import views
 from piezo_rig.report.matrix import matrix_html
 from piezo_rig.report.page import page, report_page
-from piezo_rig.report.sections import findings_html
+from piezo_rig.report.sections import findings_html, next_html
 from piezo_rig.report.words import about, gain_text, interval, scaled, verdict, with_unit
 
 KINDS = ("many", "quiet", "alone", "fixed")
@@ -264,3 +265,33 @@ def test_where_something_is_left_the_model_is_not_said_to_say_all():
     said = " ".join(verdict(found))
     assert "none that is known says what is left" in said
     assert "says all that these data can show" not in said
+
+
+def test_where_the_base_had_to_be_bent_the_baseline_alone_is_not_said_to_say_all():
+    plain = diagnosis("quiet")
+    bent = replace(plain, rungs=[plain.rungs[0], Rung("output-bend", 2.0, 0.1)])
+    for found, said in ((plain, "baseline says all"), (bent, "with a memoryless bend, says all")):
+        assert said in "\n".join(text(found))
+    assert "with a memoryless bend, says all" in findings_html(bent, None)
+    assert "with a memoryless bend, says all" in " ".join(verdict(bent))
+
+
+@pytest.mark.parametrize(("p_value", "said"), [(2e-299, "below 1e-06"), (0.0004, "0.0004")])
+def test_no_chance_is_printed_that_nobody_has_tried_out(p_value, said):
+    found = diagnosis("many")
+    first = replace(found.findings[0], p_value=p_value)
+    assert f"false alarm {said}\n" in "\n".join(text(replace(found, findings=[first, *found.findings[1:]])))
+
+
+@pytest.mark.parametrize(("files", "options", "data"), [
+    (["a.csv"], ["--history=virgin"], "a.csv runs/hold_steps_*.h5 --history=virgin --mixed-origin"),
+    (["a.h5"], [], "a.h5 runs/hold_steps_*.h5"),
+])  # fmt: skip
+def test_what_to_type_next_says_again_how_data_are_read(files, options, data):
+    plain = diagnosis("many")
+    first = replace(plain.findings[0], alternatives=["thermal-drift"])
+    found = replace(plain, findings=[first, *plain.findings[1:]],
+                    follow_up=FollowUp("hold_steps", ["creep", "thermal-drift"], 0.1))  # fmt: skip
+    said = next_html(found, files, options)
+    assert f"piezo-rig diagnose {data} --report" in said
+    assert all(o in said.split("one go")[1] for o in options)
