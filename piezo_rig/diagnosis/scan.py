@@ -395,6 +395,8 @@ def extended(
     kind = CAUSES[candidate.id]
     assert issubclass(kind, Cause)
     forms = kind.finer(trials)
+    if kind.whole:  # of a share of it the largest may look likeliest, where a small one is
+        forms = [*forms, *(list(f) for f in candidate.variants if _away(f) == _away(trials))]
     if forms and (not kind.whole or _gained(likelihood, columns) > PLAIN):
         columns, likelihood, trials = _likeliest(space, fitted, forms, kind.whole)
     reduced = likelihood.reduced

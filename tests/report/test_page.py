@@ -280,7 +280,8 @@ def test_where_the_base_had_to_be_bent_the_baseline_alone_is_not_said_to_say_all
 def test_no_chance_is_printed_that_nobody_has_tried_out(p_value, said):
     found = diagnosis("many")
     first = replace(found.findings[0], p_value=p_value)
-    assert f"false alarm {said}\n" in "\n".join(text(replace(found, findings=[first, *found.findings[1:]])))
+    found = replace(found, findings=[first, *found.findings[1:]])
+    assert f"false alarm {said}\n" in "\n".join(text(found))
 
 
 @pytest.mark.parametrize(("files", "options", "data"), [
