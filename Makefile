@@ -53,14 +53,14 @@ ROWS = build/study-diagnosis
 EFFECTS = initiation-stage,range-dependence,extremum-dependence,direction-asymmetry,creep,rate-dependence,cycle-aging,amplifier-lag,slew-limit,drive-clipping,sensor-clipping,time-skew,clock-ratio,thermal-drift,mains-hum,periodic-nonlinearity,outliers,fringe-jump,dropped-samples,remanence
 PLAYED = --protocols matrix,rates,holds --jobs 2
 
-study-diagnosis: $(READY)  ## hidden effects, pairs, triples, nulls and strangers, docs/diagnosis.md; 90 minutes
+study-diagnosis: $(READY)  ## hidden effects, pairs, triples, nulls and strangers, docs/diagnosis.md; two hours
 	mkdir -p $(ROWS)
-	$(HIDDEN) run $(PLAYED) --kinds null --seeds 1000:1100 --noises white,ar,1/f --out $(ROWS)/nulls.jsonl
-	$(HIDDEN) run $(PLAYED) --kinds $(EFFECTS) --seeds 1000 --noises white,ar,1/f --d-prime 40 --out $(ROWS)/effects.jsonl
-	$(HIDDEN) run $(PLAYED) --kinds drive-gain,sensor-scale --seeds 1000:1003 --noises white,1/f --d-prime 40 --baseline fixed:classical --out $(ROWS)/fixed.jsonl
-	$(HIDDEN) run $(PLAYED) --kinds pair --seeds 1000:1008 --noises white,1/f --d-prime 40 --out $(ROWS)/pairs.jsonl
-	$(HIDDEN) run $(PLAYED) --kinds triple --seeds 1000:1004 --noises white,1/f --d-prime 40 --out $(ROWS)/triples.jsonl
-	$(HIDDEN) run $(PLAYED) --kinds stranger --seeds 1000:1010 --noises white --d-prime 60 --out $(ROWS)/strangers.jsonl
+	$(HIDDEN) run $(PLAYED) --kinds null --seeds 9000:9020 --noises white,ar,1/f --out $(ROWS)/nulls.jsonl
+	$(HIDDEN) run $(PLAYED) --kinds $(EFFECTS) --seeds 9000 --noises white,ar,1/f --d-prime 40 --out $(ROWS)/effects.jsonl
+	$(HIDDEN) run $(PLAYED) --kinds drive-gain,sensor-scale --seeds 9000:9003 --noises white,1/f --d-prime 40 --baseline fixed:classical --out $(ROWS)/fixed.jsonl
+	$(HIDDEN) run --protocols matrix,rates,holds,ramps,walk,multisine,one --jobs 2 --kinds pair --seeds 9000:9004 --noises white,1/f --d-prime 40 --out $(ROWS)/pairs.jsonl
+	$(HIDDEN) run $(PLAYED) --kinds triple --seeds 9000:9003 --noises white,1/f --d-prime 40 --out $(ROWS)/triples.jsonl
+	$(HIDDEN) run $(PLAYED) --kinds stranger --seeds 9000:9006 --noises white --d-prime 60 --out $(ROWS)/strangers.jsonl
 	$(HIDDEN) document $(addprefix $(ROWS)/,nulls.jsonl effects.jsonl fixed.jsonl pairs.jsonl triples.jsonl strangers.jsonl) --out docs/diagnosis.md
 
 study-recordings: $(READY)  ## real recordings in full, and tests too slow for every time; about 20 minutes

@@ -120,7 +120,14 @@ def several_table(rows: Sequence[Row]) -> str:
     if not rows:
         return ""
     body = []
-    for (count, asked), group in _by(rows, lambda r: (len(r["truth"]["causes"]), r["d_prime"])):
+
+    def played(apart: bool) -> list[tuple[tuple[int, str, float], list[Row]]]:
+        return _by(rows, lambda r: (
+            len(r["truth"]["causes"]), r["protocol"] if apart else "all", r["d_prime"],
+        ))  # fmt: skip
+
+    several = len({r.get("protocol") for r in rows}) > 1
+    for (count, protocol, asked), group in [*(played(True) if several else []), *played(False)]:
         hit = missed = extra = 0
         for r in group:
             left = set(r["truth"]["causes"])
@@ -135,12 +142,12 @@ def several_table(rows: Sequence[Row]) -> str:
         f1 = 2 * hit / max(2 * hit + missed + extra, 1)
         reported = [set().union(*(named(f) for f in r["findings"])) for r in group]
         body.append((
-            count, f"{asked:g}", len(group), hit, missed, extra, number(f1, 3),
+            count, protocol, f"{asked:g}", len(group), hit, missed, extra, number(f1, 3),
             sum(len(r["findings"]) <= count for r in group),
             sum(len(s) <= count for s in reported), called_unexplained(group),
         ))  # fmt: skip
-    head = ("effects at once", "d'", "n", "found", "missed", "extra", "F1", "no more than hidden",
-            "nor alternatives", "unexplained")  # fmt: skip
+    head = ("effects at once", "protocol", "d'", "n", "found", "missed", "extra", "F1",
+            "no more than hidden", "nor alternatives", "unexplained")  # fmt: skip
     return table(head, body)
 
 

@@ -217,7 +217,13 @@ def test_the_summary_counts_alarms_names_and_intervals():
     assert "| matrix, white | 2 | 1 | 0 | creep |" in said
     assert "| creep A | 40 | 3 | 3 | 2 | 1 | 2 | 1 | 0 | outliers 1 |" in said
     assert "| stranger:stick | 40 | 1 | 1 | 0 |" in said
-    assert "| 2 | 40 | 2 | 3 | 1 | 1 | 0.750 | 2 | 1 | 0 |" in said
+    assert "| 2 | all | 40 | 2 | 3 | 1 | 1 | 0.750 | 2 | 1 | 0 |" in said
+    assert "| 2 | matrix |" not in said  # which is all that was played
+    elsewhere = _row("creep+mains-hum", [("creep", [])]) | {"protocol": "walk"}
+    apart = diagnosis.summary([*rows, elsewhere])
+    assert "| 2 | matrix | 40 | 2 | 3 | 1 | 1 | 0.750 | 2 | 1 | 0 |" in apart
+    assert "| 2 | walk | 40 | 1 | 1 | 1 | 0 |" in apart
+    assert "| 2 | all | 40 | 3 | 4 | 2 | 1 |" in apart
     assert "| creep rate_per_decade | 2 | 100 |" in said
 
 
