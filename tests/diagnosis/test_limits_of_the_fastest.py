@@ -1,0 +1,40 @@
+"""A slew limit that only the fastest half loop reaches, and hardly."""
+
+import numpy as np
+import pytest
+
+from piezo_rig.diagnosis.put_in import refitted
+from piezo_rig.diagnosis.refit import refit, settle
+from piezo_rig.diagnosis.scan import extended, scan
+from tests.diagnosis.small_bench import RATE, recordings
+from tests.diagnosis.spaces import begun
+
+PLAYED = (("0-30", 0.0, 30.0, 4.0), ("0-50", 0.0, 50.0, 2.0), ("0-75", 0.0, 75.0, 20.0))
+FASTEST = 2.0 * 75.0 * 20.0
+
+
+def limited(drive, limit):
+    out = drive.copy()
+    for i in range(1, out.size):
+        out[i] = out[i - 1] + np.clip(drive[i] - out[i - 1], -limit / RATE, limit / RATE)
+    return out
+
+
+def test_it_is_begun_at_its_whole_size():
+    """A share of whichever limit has the same shape: the linear look may like a far lower one."""
+    share = 0.99
+    sweeps = recordings(conditions=PLAYED, before=lambda v: limited(v, share * FASTEST))
+    space, plain = begun(sweeps)
+    here = refit(space, plain)
+    settle(space, here.point)
+    found = scan(space, here, np.random.default_rng(0))
+    i = found.result.ids.index("slew-limit")
+    columns, trials = min(
+        found.forms["slew-limit"], key=lambda f: abs(f[1][0]["limit"] - 0.85 * FASTEST)
+    )
+    point = extended(space, here, found.candidates[i], columns, found.likelihood, trials)
+    begins = point.model.stage("slew-limit")["limit"]
+    assert FASTEST - begins < 1.5 * (1.0 - share) * FASTEST
+    fitted = refitted(space, here, found, i)
+    below = FASTEST - fitted.point.model.stage("slew-limit")["limit"]
+    assert below == pytest.approx((1.0 - share) * FASTEST, rel=0.15)
