@@ -92,7 +92,7 @@ def text(d: Diagnosis) -> list[str]:
         + ("nothing held out" if d.held_out == "none" else f"held out by {d.held_out}")
     )
     for name, offset in d.recordings if len(d.recordings) > 1 else []:
-        lines.append(f"          {name}: offset {offset:+.3f} um")
+        lines.append(f"          {name}: offset {round(offset, 3) + 0.0:+.3f} um")  # no -0.000
     floor = "not known (no repeats)" if d.noise_floor_nm is None else f"{d.noise_floor_nm:.2f} nm"
     lines += [f"noise     {floor}", "", "the ladder                     rms nm   max %     gain"]
     for i, rung in enumerate(d.rungs):
@@ -115,9 +115,10 @@ def text(d: Diagnosis) -> list[str]:
             f"chance of a false alarm {_chance(finding.p_value)}"
         )
         for name, p in finding.parameters.items():
-            if not (finding.events and name in LISTED):
-                chosen = "  (chosen, not measured)" if _is_chosen(finding, name) else ""
-                lines.append(f"          {name} = {_number(p)}{chosen}")
+            if not (finding.events and name in LISTED) and not _is_chosen(finding, name):
+                lines.append(f"          {name} = {_number(p)}")
+        if any(_is_chosen(finding, name) for name in finding.parameters):
+            lines.append("          the form of its law is chosen, not measured: see --json")
         lines += _events(d, finding)
         if finding.alternatives:
             lines.append(f"          cannot be told from: {', '.join(finding.alternatives)}")

@@ -296,3 +296,13 @@ def test_what_to_type_next_says_again_how_data_are_read(files, options, data):
     said = next_html(found, files, options)
     assert f"piezo-rig diagnose {data} --report" in said
     assert all(o in said.split("one go")[1] for o in options)
+
+
+def test_what_form_a_law_has_is_not_printed_among_what_was_measured():
+    found = diagnosis("many")
+    law = {"slope": Parameter(0.01, "V/um/V", (0.008, 0.012)), "closing": Parameter(1.0, "1")}
+    first = replace(found.findings[0], cause="range-dependence", parameters=law, events=())
+    said = "\n".join(text(replace(found, findings=[first, *found.findings[1:]])))
+    assert "slope = 0.01 V/um/V" in said
+    assert "closing" not in said
+    assert "the form of its law is chosen, not measured" in said
