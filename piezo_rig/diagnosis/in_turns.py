@@ -158,7 +158,8 @@ class InTurns:
 
     def _climb(self, brief: bool = False) -> None:
         self.search = climbed(
-            self.clean, self.start.point, self.rng, self.tell, len(TRIED), self.reading, brief
+            self.clean, self.start.point, self.rng, self.tell, len(TRIED), self.reading,
+            brief=brief,
         )
         if self.search.turned is not None:
             raise TurnsBetween(self.search.turned)

@@ -184,7 +184,7 @@ def test_what_predicted_worse_is_looked_at_again():
 
 @pytest.mark.study
 def test_with_a_hum_the_first_ladder_only_goes_up(monkeypatch):
-    whole = sys.modules["piezo_rig.diagnosis.diagnose"]
+    whole = sys.modules["piezo_rig.diagnosis.in_turns"]
     seen = []
 
     def climbed(*given, brief=False):
