@@ -165,28 +165,32 @@ def _left_with(space: Space, point: Point, id: str) -> float:
         return np.inf
 
 
-def _plainest(found: Found, id: str) -> Form:
-    """The best form of a cause, or one without a number of its own that says about as much.
+def plainer(found: Found, id: str) -> Form | None:
+    """A form of a cause without a number that the best one has, if it says about as much.
 
     What such a number only follows the noise with predicts nothing: two recordings have any two
-    slopes, and a drift that settles between them runs anywhere in a third.
+    slopes, and a drift that settles between them runs anywhere in a third. Which of the two it is
+    is for what was held out to say.
     """
     best = found.chosen[id]
     kind = type(best[1][0])
     number = kind.scanned[0] if issubclass(kind, Cause) else ""
     if number not in best[1][0].parameters:
-        return best
+        return None
     without = [f for f in found.forms[id] if number not in f[1][0].parameters]
     likely = [found.likelihood.evidence(columns) for columns, _ in without]
     if max(likely, default=-np.inf) < found.likelihood.evidence(best[0]) - AS_MUCH:
-        return best
+        return None
     return without[int(np.argmax(likely))]
 
 
-def refitted(space: Space, here: Fitted, found: Found, i: int) -> Fitted | None:
-    """The model with a cause put in; None where that comes to nothing."""
+def refitted(
+    space: Space, here: Fitted, found: Found, i: int, plain: Form | None = None
+) -> Fitted | None:
+    """The model with a cause put in, in its best form or another; None where it comes to nothing.
+    """
     candidate = found.candidates[i]
-    columns, form = _plainest(found, candidate.id)
+    columns, form = plain or found.chosen[candidate.id]
     try:
         settle(space, here.point)
         point = extended(space, here, candidate, columns, found.likelihood, form)
@@ -212,7 +216,7 @@ def refitted(space: Space, here: Fitted, found: Found, i: int) -> Fitted | None:
         fitted = None  # at the size that the data ask for it cannot even be played
     if fitted is None or does_nothing(space, fitted.point, candidate.id):
         return None
-    plain = of_base(candidate.id)  # how much of one there is may be open where one is plain
-    if not plain and needless(fitted, [candidate.id]) is not None:
+    # how much of a bend there is may be open where one is plain
+    if not of_base(candidate.id) and needless(fitted, [candidate.id]) is not None:
         return None
     return fitted

@@ -15,10 +15,10 @@ from piezo_rig.diagnosis.abreast import abreast
 from piezo_rig.diagnosis.bends import BEND
 from piezo_rig.diagnosis.forms import CARRIES, carries, reached
 from piezo_rig.diagnosis.needed import at_a_limit, worth_needed
-from piezo_rig.diagnosis.put_in import LARGE, refitted
+from piezo_rig.diagnosis.put_in import LARGE, plainer, refitted
 from piezo_rig.diagnosis.refit import Fitted
 from piezo_rig.diagnosis.refusals import FAR_OFF, MUCH
-from piezo_rig.diagnosis.scan import Found, Scan, by_speed, of_base
+from piezo_rig.diagnosis.scan import Form, Found, Scan, by_speed, of_base
 
 if TYPE_CHECKING:
     from piezo_rig.diagnosis.climb import Search
@@ -71,14 +71,24 @@ def tried(
     result = found.result
     search.tell(f"refit with {' or '.join(result.ids[i] for i in close)}")
     slow = sorted(map(int, close), key=lambda i: not _slow(result.ids[i]))  # these first
-    refits = dict(zip(slow, abreast(search.space, [
-        partial(refitted, search.space, here, found, i) for i in slow
-    ], here.parts), strict=True))  # fmt: skip
+    forms = {i: form for i in slow if (form := plainer(found, result.ids[i])) is not None}
+    every: list[tuple[int, Form | None]] = [(i, None) for i in slow]
+    every += forms.items()
+    fits = abreast(search.space, [
+        partial(refitted, search.space, here, found, i, form) for i, form in every
+    ], here.parts)  # fmt: skip
+    refits = dict(zip(slow, fits[: len(slow)], strict=True))
+    for i, plain in zip(forms, fits[len(slow) :], strict=True):
+        best = refits[i]
+        if plain is not None and (
+            best is None or search.error(0, plain) < search.error(0, best)
+        ):  # fmt: skip
+            refits[i] = plain
     begun = [(int(i), f) for i in close if (f := refits[int(i)]) is not None]
     for i in set(map(int, close)) - {i for i, _ in begun}:
         search.came_to_nothing(result.ids[i], here)
-    fits = [*(fitted for *_, fitted in before), *(f for _, f in begun)]
-    most = max((f.evidence - here.evidence for f in fits), default=0.0)
+    rivals = [*(fitted for *_, fitted in before), *(f for _, f in begun)]
+    most = max((f.evidence - here.evidence for f in rivals), default=0.0)
     known = [part for _, f in begun for part in f.parts]
     # laws first: their forms are many
     begun.sort(key=lambda b: "reach" not in CAUSES[result.ids[b[0]]].optional)
