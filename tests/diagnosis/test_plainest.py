@@ -5,6 +5,7 @@ from types import SimpleNamespace
 import pytest
 
 from piezo_rig.causes import CAUSES
+from piezo_rig.diagnosis import race
 from piezo_rig.diagnosis.put_in import AS_MUCH, plainer
 
 DRIFT = "thermal-drift"
@@ -35,3 +36,30 @@ def test_a_steady_drift_that_says_most_has_no_plainer_form():
 
 def test_where_all_forms_have_the_number_there_is_none():
     assert plainer(found(1, (SETTLING, 186.0), (LATER, 187.0)), DRIFT) is None
+
+
+@pytest.mark.parametrize(("steady_nm", "settling_nm", "kept"), [
+    (3.6, 15.8, "steady"),  # two recordings fit any settling, and a third is predicted anywhere
+    (2.07, 2.01, "settling"),
+])  # fmt: skip
+def test_which_of_two_forms_it_is_what_was_held_out_says(
+    monkeypatch, steady_nm, settling_nm, kept
+):
+    fits = {
+        name: SimpleNamespace(name=name, error=nm, evidence=evidence, parts=(), point=0)
+        for name, nm, evidence in (("steady", steady_nm, 186.9), ("settling", settling_nm, 187.1))
+    }
+    monkeypatch.setattr(race, "abreast", lambda space, steps, known: [step() for step in steps])
+    monkeypatch.setattr(race, "plainer", lambda found, id: ([0], STEADY))
+    monkeypatch.setattr(race, "at_a_limit", lambda *_: False)
+    monkeypatch.setattr(race, "refitted", lambda space, here, found, i, form: (
+        fits["settling" if form is None else "steady"]
+    ))  # fmt: skip
+    monkeypatch.setattr(race, "_grown", lambda search, here, found, i, fitted, most: (
+        fitted.evidence, fitted, None
+    ))  # fmt: skip
+    search = SimpleNamespace(space=None, tell=lambda text: None, error=lambda k, f: f.error)
+    here = SimpleNamespace(evidence=0.0, parts=())
+    drifts = SimpleNamespace(result=SimpleNamespace(ids=(DRIFT,)))
+    ((_, _, fitted),) = race.tried(search, here, drifts, [0])
+    assert fitted.name == kept
