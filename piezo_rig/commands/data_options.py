@@ -32,10 +32,14 @@ def add_reading_arguments(parser: argparse.ArgumentParser) -> None:
                        help="what the actuator remembers when a recording begins; unknown")
 
 
-def reading_options(args: argparse.Namespace) -> list[str]:
-    """The options that say how DATA are read, as they are typed."""
+def reading_options(args: argparse.Namespace, sweeps: Sequence[Sweep]) -> list[str]:
+    """The options that say how DATA are read, as they are typed to join a run of a bench to them.
+
+    ``sweeps`` : what was read; no bench plays anything IMPORTED
+    """
     said = [f"--{n}={v}" for n in _GIVEN if (v := getattr(args, n, None)) is not None]
-    return [*said, *(["--mixed-origin"] if getattr(args, "mixed_origin", False) else [])]
+    mixed = args.mixed_origin or any(s.origin == "IMPORTED" for s in sweeps)
+    return [*said, *(["--mixed-origin"] if mixed else [])]
 
 
 def add_data_arguments(parser: argparse.ArgumentParser) -> None:

@@ -133,7 +133,7 @@ def _together(args: argparse.Namespace) -> int:
     title = f"{Path(args.data[0]).stem}{more}"
     if "report" in outputs:
         page = report_page(
-            outputs["report"], title, found, args.data, hashes, reading_options(args)
+            outputs["report"], title, found, args.data, hashes, reading_options(args, sweeps)
         )
         print(f"report: {page}")
     if "figure" in outputs:

@@ -15,7 +15,7 @@ from piezo_rig.diagnosis.found import Diagnosis, Finding, said_all
 
 SCHEMA = "piezo-rig/diagnosis/1"
 LEAST_P = 1e-299  # a chance is small, and never none
-TRIED_OUT = 1e-6  # chances below it are of laws that nobody has tried out so far
+TRIED_OUT = 1e-6  # a chance: nobody has tried out laws of chance further than that
 PRINTED = 20  # events of one cause, in a terminal
 
 

@@ -33,7 +33,7 @@ FAR_LESS = 0.5  # squared error, of that of the likeliest refit
 LONG, NO_LESS, AS_NEAR = 12, 3.0, 1.1  # steps; log-likelihood; squared error, of that with both
 FAR_OFF = 2.0  # times the noise, thinned as the recordings are
 TWICE, EVERY = 2, 3  # turns of a look at levels; every so many of them in the first
-AS_MUCH = 3.0  # log-likelihood that a number more must be worth: what two more gain by chance
+AS_MUCH = 3.0  # log-likelihood that a number more must promise for it not to be doubted
 LOST = 0.3  # of what a linear look at a cause promised; a refit that keeps less went too far
 
 

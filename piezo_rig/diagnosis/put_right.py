@@ -17,6 +17,7 @@ import numpy as np
 from piezo_rig.causes import CAUSES
 from piezo_rig.causes.cause import Cause
 from piezo_rig.chain import Parameter
+from piezo_rig.diagnosis.chances import fisher_above
 from piezo_rig.diagnosis.fit import Point
 from piezo_rig.diagnosis.ladder import Step
 from piezo_rig.diagnosis.refit import Fitted, changed_um, refit
@@ -90,8 +91,11 @@ def _held(space: Space, first: Fitted, id: str, fitted: Fitted) -> Fitted:
 
 
 def _chance(before_nm: float, after_nm: float, space: Space) -> float:
-    """Of as large a fall of the squared error by one number for nothing, each recording one datum:
-    what samples of one recording share is not known.
+    """Of as large a fall of the squared error by one number for nothing, corrected for all causes.
+
+    Each recording counts as one datum: what samples of one share is not known.
     """
-    count = sum(g.repeats for g in space.groups.groups)
-    return float(np.clip((after_nm / before_nm) ** max(count - 1, 1), 0.0, 1.0))
+    rest = max(sum(g.repeats for g in space.groups.groups) - 1, 1)
+    ratio = rest * (before_nm**2 - after_nm**2) / after_nm**2
+    causes = sum(1 for k in CAUSES.values() if issubclass(k, Cause))
+    return min(1.0, causes * float(fisher_above(ratio, 1, rest)))

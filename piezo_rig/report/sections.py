@@ -226,11 +226,8 @@ def next_html(found: Diagnosis, files: Sequence[str], options: Sequence[str] = (
         return (f"<p>Not decided yet: {escape(pairs)}. None of the shipped protocols would tell "
                 "them apart.</p>")  # fmt: skip
     name = found.follow_up.protocol
-    given = [*options]
-    if not all(f.endswith(".h5") for f in files):  # recordings are IMPORTED, a run never is
-        given.append("--mixed-origin")
     data = " ".join(shlex.quote(f) for f in files) or "DATA"
-    told = "".join(f" {shlex.quote(o)}" for o in dict.fromkeys(given))
+    told = "".join(f" {shlex.quote(o)}" for o in options)
     play = f"piezo-rig run {shlex.quote(name)} --rig YOUR_BENCH.toml --out runs"
     look = f"piezo-rig diagnose {data} runs/{name}_*.h5{told} --report decided.html"
     at_once = (f"piezo-rig diagnose {data}{told} --follow-up --rig YOUR_BENCH.toml "

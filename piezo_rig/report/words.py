@@ -15,6 +15,7 @@ import numpy as np
 from piezo_rig.causes import CAUSES
 from piezo_rig.chain import Parameter
 from piezo_rig.diagnosis import Diagnosis, Finding
+from piezo_rig.diagnosis.document import TRIED_OUT
 from piezo_rig.diagnosis.found import said_all
 
 PLACES = {
@@ -112,7 +113,7 @@ def gain_text(finding: Finding) -> str:
 
 def chance(p: float) -> str:
     """The chance of a false alarm as people say it."""
-    if p < 1e-6:
+    if p < TRIED_OUT:
         return "less than one in a million"
     if p >= 0.0999:
         return f"{100 * p:.0f} in 100"

@@ -8,6 +8,7 @@ import sys
 from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -18,6 +19,7 @@ from small_diagnoses import HOSTILE, diagnosis, sweeps
 from piezo_rig.causes import CAUSES
 from piezo_rig.chain import Parameter
 from piezo_rig.cli import main
+from piezo_rig.commands.data_options import reading_options
 from piezo_rig.diagnosis.document import text
 from piezo_rig.diagnosis.follow_up import FollowUp
 from piezo_rig.diagnosis.found import Rung
@@ -285,7 +287,8 @@ def test_no_chance_is_printed_that_nobody_has_tried_out(p_value, said):
 
 
 @pytest.mark.parametrize(("files", "options", "data"), [
-    (["a.csv"], ["--history=virgin"], "a.csv runs/hold_steps_*.h5 --history=virgin --mixed-origin"),
+    (["a.csv"], ["--history=virgin", "--mixed-origin"],
+     "a.csv runs/hold_steps_*.h5 --history=virgin --mixed-origin"),
     (["a.h5"], [], "a.h5 runs/hold_steps_*.h5"),
 ])  # fmt: skip
 def test_what_to_type_next_says_again_how_data_are_read(files, options, data):
@@ -306,3 +309,12 @@ def test_what_form_a_law_has_is_not_printed_among_what_was_measured():
     assert "slope = 0.01 V/um/V" in said
     assert "closing" not in said
     assert "the form of its law is chosen, not measured" in said
+
+
+@pytest.mark.parametrize(("origin", "mixed", "said"), [
+    ("IMPORTED", False, ["--history=virgin", "--mixed-origin"]),
+    ("REAL", False, ["--history=virgin"]), ("REAL", True, ["--history=virgin", "--mixed-origin"]),
+])  # fmt: skip
+def test_no_bench_plays_what_was_imported_so_that_joining_it_has_to_be_meant(origin, mixed, said):
+    args = SimpleNamespace(history="virgin", gain=None, mixed_origin=mixed)
+    assert reading_options(args, [s.with_(origin=origin) for s in sweeps()]) == said
