@@ -27,8 +27,8 @@ from piezo_rig.chain.increments import Increment, Operation
 from piezo_rig.chain.stage import Parameter, Signal, Stage
 
 NEVER_V = 1000.0  # no piezo amplifier of this kind goes there
-SHARES = (0.0004, 0.0008, 0.0013, 0.002, 0.003, 0.0045, 0.0065, 0.009, 0.012, 0.02, 0.03, 0.05,
-          0.08, 0.12, 0.17, 0.24, 0.32)  # cut off  # fmt: skip
+SHARES = (0.0001, 0.0002, 0.0004, 0.0008, 0.0013, 0.002, 0.003, 0.0045, 0.0065, 0.009, 0.012, 0.02,
+          0.03, 0.05, 0.08, 0.12, 0.17, 0.24, 0.32)  # cut off  # fmt: skip
 MORE = (0.0, 0.5, 1.0)  # of what is cut off at one end, cut off besides at the other
 WITHIN = 4.0  # times the drive's noise
 
@@ -47,6 +47,7 @@ class DriveClipping(Cause):
     together = True
     near: ClassVar[float] = NEAR_AT_A_LIMIT
     known_to: ClassVar[float] = AT_BEST
+    whole: ClassVar[bool] = True
     units: ClassVar[Mapping[str, str]] = {"lower": "V", "upper": "V"}
     neutral: ClassVar[Mapping[str, float]] = {"lower": -NEVER_V, "upper": NEVER_V}
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {

@@ -397,7 +397,7 @@ def extended(
     forms = kind.finer(trials)
     if kind.whole:  # of a share of it the largest may look likeliest, where a small one is
         forms = [*forms, *(list(f) for f in candidate.variants if _away(f) == _away(trials))]
-    if forms and (not kind.whole or _gained(likelihood, columns) > PLAIN):
+    if forms:
         columns, likelihood, trials = _likeliest(space, fitted, forms, kind.whole)
     reduced = likelihood.reduced
     scales = likelihood.best_scales(columns)
