@@ -105,7 +105,8 @@ class Cause(Stage):
     beside_one_curve : those that only a first rise by the same elements tells from the table: let
         go of with `also`, and held again once the first rise has elements of its own
     sharp : parameter -> by how much finer than its example it must be varied
-    like_a_bend : whether a large one is taken for a memoryless bend at a first look
+    cuts_off : whether it cuts off what goes beyond a level: a large one is taken for a memoryless
+        bend at a first look, and which one a small one is shows once they are refitted
     scanned : an optional parameter that is looked for over its logarithm, and by which factor at
         first; it has many local optima, or the data say little of it
     lasting : a parameter in seconds that may be far longer than a small example: what it does
@@ -141,7 +142,7 @@ class Cause(Stage):
     beside_one_curve: ClassVar[tuple[str, ...]] = ()
     sharp: ClassVar[Mapping[str, float]] = {}
     scanned: ClassVar[tuple[str, float]] = ("", 1.0)
-    like_a_bend: ClassVar[bool] = False
+    cuts_off: ClassVar[bool] = False
     lasting: ClassVar[str] = ""
     whole: ClassVar[bool] = False
     near: ClassVar[float] = NEAR

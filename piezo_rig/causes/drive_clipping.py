@@ -53,7 +53,7 @@ class DriveClipping(Cause):
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {
         "lower": (-1.001 * NEVER_V, NEVER_V), "upper": (-NEVER_V, 1.001 * NEVER_V),
     }
-    like_a_bend = True  # a flat top
+    cuts_off = True  # a flat top
     sharp: ClassVar[Mapping[str, float]] = {"lower": NEVER_V, "upper": NEVER_V}
 
     def act(self, signal: Signal) -> Signal:

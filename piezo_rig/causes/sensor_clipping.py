@@ -36,7 +36,7 @@ class SensorClipping(Cause):
     place = "sensor"
     units: ClassVar[Mapping[str, str]] = {"level": "um"}
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {"level": (-1e4, 1e4)}
-    like_a_bend = True  # a flat top
+    cuts_off = True  # a flat top
     sharp: ClassVar[Mapping[str, float]] = {"level": 3000.0}
     bending: ClassVar[str] = "level"
     known_to: ClassVar[float] = AT_BEST

@@ -58,7 +58,7 @@ def bend(search: Search, here: Fitted, found: Found, good: NDArray[np.int64]) ->
         return False
     for i in good:
         kind = CAUSES[found.result.ids[i]]
-        if getattr(kind, "like_a_bend", False) and found.result.ratio[i] > LARGE:
+        if getattr(kind, "cuts_off", False) and found.result.ratio[i] > LARGE:
             search.tell(f"refit with {found.result.ids[i]}")
             rival = refitted(search.space, here, found, int(i))
             if rival is None:

@@ -250,6 +250,7 @@ class Search:
     ) -> bool:
         """Refit with the likeliest causes and keep the best; False where none can be kept."""
         result = found.result
+        family = result.of_their_kind(good, family)
         refits, any_close = raced(self, here, found, good)
 
         def likely(one: Tried) -> float:

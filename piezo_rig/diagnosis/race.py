@@ -47,6 +47,7 @@ def raced(
     close = [*close, *(i for i in search.rather if i not in close)]
     out = tried(search, here, found, close)
     out += tried(search, here, found, _as_fast(here, result, good, out), out)
+    out += tried(search, here, found, result.as_flat(good), out)
     bends = [i for i, id in enumerate(result.ids) if of_base(id) and i not in close]
     # what a bend of another kind leaves looks like a law, or an asymmetry
     bent = here.point.model.stage(BEND) is not None and (

@@ -110,6 +110,34 @@ class Scan:
                 if by_speed(self.ids[i]) and self.excess[i] >= least and int(i) not in close]
 
 
+    def as_flat(self, good: NDArray[np.int64]) -> list[int]:
+        """Which others cut off tips too, where one of those that are refitted does.
+
+        Beside elements that have gone after a tip, a linear look makes little of what a limit
+        does there: which of them it is the refits say.
+        """
+        close = self.close(good)
+        if not any(cuts_off(self.ids[i]) for i in close):
+            return []
+        return [i for i, id in enumerate(self.ids) if cuts_off(id) and i not in close]
+
+    def of_their_kind(self, good: NDArray[np.int64], chance: FloatArray) -> FloatArray:
+        """Chances, those of causes that cut off tips the least of them: any of them says that there
+        is one, and which it is is for their refits to say. Shape (c,), as that of ``chance``.
+        """
+        flat = [i for i, id in enumerate(self.ids) if cuts_off(id)]
+        out = chance.copy()
+        if set(flat) & set(good.tolist()):
+            out[flat] = chance[flat].min()
+        return out
+
+
+def cuts_off(id: str) -> bool:
+    """Whether a cause is a limit of the drive or of the sensor."""
+    kind = CAUSES[id]
+    return issubclass(kind, Cause) and kind.cuts_off
+
+
 def of_base(id: str) -> bool:
     """Whether it belongs to the base model: found like a cause, but no other name for one."""
     kind = CAUSES[id]

@@ -3,9 +3,11 @@
 import numpy as np
 import pytest
 
+from piezo_rig.diagnosis import diagnose
 from piezo_rig.diagnosis.put_in import refitted
 from piezo_rig.diagnosis.refit import refit, settle
-from piezo_rig.diagnosis.scan import extended, scan
+from piezo_rig.diagnosis.scan import LEVEL, extended, scan
+from piezo_rig.studies.hidden import draw
 from tests.diagnosis.small_bench import recordings
 from tests.diagnosis.spaces import begun
 
@@ -32,3 +34,13 @@ def test_it_is_begun_at_its_whole_size(cut_off_v):
     assert fitted is not None
     level = fitted.point.model.stage("drive-clipping")["upper"]
     assert 75.0 - level == pytest.approx(cut_off_v, rel=0.1)
+
+
+def test_which_limit_it_is_the_refits_say():
+    """Beside elements that have gone after the tips, a linear look likes the other limit more."""
+    case = draw("drive-clipping", 9101, "one", "1/f", 40.0, 2)
+    (finding,) = diagnose(case.sweeps).findings
+    assert finding.cause == "drive-clipping"
+    assert finding.p_value < LEVEL
+    level = finding.parameters["upper"].value
+    assert level == pytest.approx(case.truth.parameters["drive-clipping"]["upper"], abs=0.02)
