@@ -122,13 +122,16 @@ class Climbed:
         def typical(fitted: Fitted) -> float:
             return self.errors(fitted).typical_nm
 
+        def mostly(fitted: Fitted) -> float:
+            return self.errors(fitted).mostly_nm
+
         def carries_over(fitted: Fitted) -> float:
             return carried_over_nm(self.space, fitted, self.folds)
 
         # conditions that are left out ask for extrapolation: only what runs away is refused, and
         # the one of the largest range says more than all others together
         if self.kind == "condition":
-            return [(typical, WORSE), (self.error_nm, AWAY)]
+            return [(typical, WORSE), (mostly, AWAY)]
         close = self.floor_nm is not None and self.error_nm(first) < CLOSE * self.floor_nm
         gates: list[Gate] = [(self.error_nm, STRICT if close else WORSE)]
         return gates if self.kind in (self.folds, "none") else [*gates, (carries_over, AWAY)]

@@ -59,6 +59,7 @@ from piezo_rig.identification import prepare
 from piezo_rig.run_file.sweep import Sweep
 
 Tell = Callable[[str], None]
+MOSTLY = 0.8  # held-out error without the worst stretches, of all, below which that is said
 BENDS = {
     Bend.id: "the actuator's reversible strain is not linear in the drive",
     InputBend.id: "springs and sliders follow a drive that is not linear in the volts",
@@ -225,6 +226,14 @@ def _on_the_figures(
             "the baseline has no memoryless bend, but the actuator has one: what the baseline "
             "gets wrong by that hides whatever is as small; identified again, by `identify` or "
             "`diagnose --save-model`, it says what its bend is"
+        )
+    first, last = search.errors(search.first), search.errors(search.ladder.last)
+    if last.mostly_nm < MOSTLY * last.rms_nm:
+        notes.append(
+            "a condition that is left out goes further than all others, where nothing is known of "
+            "the elements: that stretch rules the figures; without the worst tenth of every "
+            f"recording they are {first.mostly_nm:.3g} nm with the baseline, "
+            f"{last.mostly_nm:.3g} nm with everything"
         )
     own_nm = 1e3 * search.space.own_um
     notes += far_off(own_nm, search.floor_nm)

@@ -43,21 +43,44 @@ class Errors:
     square, count : shape (r,), um^2 summed over samples, and samples
     group : shape (r,), which group each belongs to
     max_percent : largest error in percent of its recording's travel
+    usual : shape (r,), as ``square``, each recording about what most of it lies beside the
+        prediction by and not about its mean: where a drive goes further than all others the
+        tables go where they like, and the mean with them; ``square`` where that is not known
+    stretches : how many a recording is cut into
     """
 
     square: FloatArray
     count: FloatArray
     group: NDArray[np.int64]
     max_percent: float
+    usual: FloatArray | None = None
+    stretches: int = 1
 
     @property
     def rms_nm(self) -> float:
         return 1e3 * float(np.sqrt(self.square.sum() / self.count.sum()))
 
     @property
+    def mostly_nm(self) -> float:
+        """Rms error without the worst stretch of every recording that is cut into stretches, each
+        about where most of it lies: of few conditions the largest is the one that rises, once,
+        where no other has been.
+        """
+        if self.usual is None or self.stretches < 2:
+            return self.rms_nm
+        kept = np.ones(self.usual.size, bool)
+        of = self.group // self.stretches
+        for one in np.unique(of):
+            at = np.flatnonzero(of == one)
+            if at.size > 1:
+                kept[at[np.argmax(self.usual[at] / np.maximum(self.count[at], 1e-300))]] = False
+        return 1e3 * float(np.sqrt(self.usual[kept].sum() / self.count[kept].sum()))
+
+    @property
     def typical_nm(self) -> float:
         """Geometric mean of the recordings' rms errors: none of them outweighs the others."""
-        mean = self.square / np.maximum(self.count, 1e-300)
+        square = self.square if self.usual is None else self.usual
+        mean = square / np.maximum(self.count, 1e-300)
         return 1e3 * float(np.exp(0.5 * np.mean(np.log(np.maximum(mean, 1e-300)))))
 
 
@@ -141,7 +164,7 @@ def held_out_errors(
         for out in joined:
             plan.append(([i for i, p in enumerate(pieces) if p.fold not in out],
                          [i for i, p in enumerate(pieces) if p.fold in out]))  # fmt: skip
-    squares: dict[tuple[int, int, int], list[float]] = {}
+    squares: dict[tuple[int, int, int], NDArray[np.float64]] = {}
     few = sum(g.repeats for g in groups.groups) < FEW
     worst = 0.0
     for train, held in plan:
@@ -166,10 +189,12 @@ def held_out_errors(
                         continue
                     error = row[a:b] - predicted[a:b]
                     cut = _scored(error - error.mean(), a, kept, begin)
-                    for c, part in enumerate(np.array_split(cut, CHUNKS if few else 1)):
-                        at = squares.setdefault((g, r, c), [0.0, 0.0])
-                        at[0] += float(part @ part)
-                        at[1] += part.size
+                    parts = np.array_split(cut, CHUNKS if few else 1)
+                    usual = float(np.median([p.mean() for p in parts if p.size] or [0.0]))
+                    for c, part in enumerate(parts):
+                        own, off = float(part @ part), part - usual
+                        at = squares.setdefault((g, r, c), np.zeros(3))
+                        at += own, part.size, float(off @ off) if few else own
                     travel = float(np.ptp(row[a:b]))
                     most = float(np.max(np.abs(cut), initial=0.0))
                     worst = max(worst, 100.0 * most / max(travel, 1e-12))
@@ -180,6 +205,8 @@ def held_out_errors(
         values[:, 1],
         np.array([k[0] * (CHUNKS if few else 1) + k[2] for k in keys]),
         worst,
+        values[:, 2],
+        CHUNKS if few else 1,
     )
 
 

@@ -221,6 +221,7 @@ def idle(search: Search) -> bool:
             else:
                 kept = search.error(0, search.fitted) <= LOSES * search.error(0, less)
                 kept = kept or plain_bend(id, search.fitted, less)
+                kept = kept or like_no_other(search.fitted, less)
             if kept:
                 continue
             rest = [s for s in search.steps if s.cause != id]
