@@ -90,7 +90,7 @@ def test_what_is_left_out_may_run_away_in_one_stretch(fitted):
     """The gates of a ladder ask for what is typical, and for most of every recording."""
     space, without, full = fitted
     search = Climbed(space, "condition", "condition", None, False, without)
-    at, there = moved(space, 0.1)
+    _, there = moved(space, 0.1)
     search._known[id(full.point)] = full.point, held_out_errors(space, full, "condition", there)
     assert search.error_nm(full) > 10.0
     for error, limit in search.gates(without):

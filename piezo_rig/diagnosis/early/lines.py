@@ -18,7 +18,8 @@ from piezo_rig.diagnosis.groups import Groups
 
 FloatArray = NDArray[np.float64]
 BESIDE, FAR = 4.0, 8.0  # cells of a line's own width; of the power of what is next
-CELLS = 18.0  # resolution cells: slower than that a line is drift or creep
+CELLS = 18.0  # resolution cells: slower than that, drift and creep are beside a line
+SLOWEST = 7.0  # the same: slower than that a line is drift or creep
 
 
 @dataclass(frozen=True)
@@ -34,14 +35,15 @@ def find_line(groups: Groups, model: Model) -> Line | None:
     """The most unlikely line between the slow end and nine tenths of Nyquist.
 
     With repeats in what they disagree by. Against a model every harmonic of the drive is one, so
-    there it must stand alone, and far above the second strongest.
+    there it must stand alone, and far above the second strongest. So it must where it is slow: what
+    recordings differ by goes with the drive there, and noise grows towards the slow end.
     """
     lone = any(g.repeats < 2 for g in groups.groups)
     rows = rows_of(groups, model)
     if not rows or (lone and groups.repeats > 1):  # of some drives only
         return None
     longest = max(float(r.time_s[-1] - r.time_s[0]) for r in rows)
-    low, high = CELLS / longest, 0.45 * groups.rate
+    low, high = SLOWEST / longest, 0.45 * groups.rate
     if low >= 0.5 * high:
         return None
     f = np.arange(low, high, 0.5 / longest)
@@ -49,8 +51,8 @@ def find_line(groups: Groups, model: Model) -> Line | None:
     power, heard = np.zeros(f.size), np.zeros(f.size)
     for row in rows:
         cell = 1.0 / float(row.time_s[-1] - row.time_s[0])
-        told = f >= CELLS * cell  # a short recording says nothing of slow lines
-        level = row.power(f[told, None] + AROUND * cell).mean(axis=1)
+        told = f >= SLOWEST * cell  # a short recording says nothing of slow lines
+        level = _background(row, f[told], cell)
         # each recording's own p-value (Fisher): power over background is F(2, 2 INDEPENDENT)
         own = row.power(f[told])
         score[told] += row.share * INDEPENDENT * np.log1p(
@@ -63,29 +65,47 @@ def find_line(groups: Groups, model: Model) -> Line | None:
     told = heard > 0
     chance[told] = chi2_above(2.0 * score[told], 2.0 * share[told])
     k = int(np.argmin(chance))
-    if not told[k] or (lone and not _alone(rows, groups, float(f[k]), f[told])):
+    if not told[k]:
+        return None
+    slow, kept = f[k] < CELLS / longest, told
+    if not slow:
+        kept = told & (f >= CELLS / longest)
+    row = max(rows, key=lambda r: r.values.size)
+    seen = row.power(f) if lone else power / np.maximum(heard, 1.0)
+    beside = kept & (np.abs(f - f[k]) > BESIDE / longest)
+    alone = beside.any() and seen[k] >= FAR * float(seen[beside].max())
+    if (slow or lone) and not (alone and _not_played(groups, model, float(f[k]))):
         return None
     rms = float(np.sqrt(0.5 * power[k] / heard[k]))
-    return Line(_summit(rows, float(f[k])), 1e3 * rms, min(float(chance[k]) * f.size, 1.0))
+    plainest = max(rows, key=lambda r: float(r.power(f[k])))
+    return Line(_summit(plainest, float(f[k])), 1e3 * rms, min(float(chance[k]) * f.size, 1.0))
 
 
-def _summit(rows: list[Row], near_hz: float) -> float:
-    """Where a line is strongest in the longest recording, Hz."""
-    row = max(rows, key=lambda r: r.values.size)
+def _summit(row: Row, near_hz: float) -> float:
+    """Where a line is strongest near a frequency, Hz."""
     cell = 1.0 / float(row.time_s[-1] - row.time_s[0])
     f = near_hz + np.linspace(-1.0, 1.0, 41) * cell
     return float(f[int(np.argmax(row.power(f)))])
 
 
-def _alone(rows: list[Row], groups: Groups, line_hz: float, f: FloatArray) -> bool:
-    """Whether one frequency stands out of all others by far, and not in the drive."""
-    row = max(rows, key=lambda r: r.values.size)
-    cell = 1.0 / float(row.time_s[-1] - row.time_s[0])
-    power = row.power(f)
-    beside = np.abs(f - line_hz) > BESIDE * cell
-    if not beside.any() or row.power(line_hz) < FAR * float(power[beside].max()):
-        return False
+def _background(row: Row, f: FloatArray, cell: float) -> FloatArray:
+    """Mean power around frequencies (k,), um^2; of slow ones that above them alone, as it would be
+    there if it grew with the square of the period towards them.
+    """
+    level = row.power(f[:, None] + AROUND * cell).mean(axis=1)
+    slow = f < CELLS * cell
+    above = f[slow, None] + AROUND[AROUND > 0] * cell
+    level[slow] = (row.power(above) * np.square(above / f[slow, None])).mean(axis=1)
+    return np.asarray(level)
+
+
+def _not_played(groups: Groups, model: Model, line_hz: float) -> bool:
+    """Whether no line is there in the longest drive, nor in what it does."""
     group = max(groups.groups, key=lambda g: g.drive_v.size)
-    played = Row(group.time_s, group.drive_v, 1.0)
-    around = float(np.mean(played.power(line_hz + AROUND * cell)))
-    return bool(played.power(line_hz) < FAR * around)
+    cell = 1.0 / float(group.time_s[-1] - group.time_s[0])
+    for signal in (group.drive_v, group.predicted(model)):
+        played = Row(group.time_s, signal, 1.0)
+        around = line_hz + AROUND * cell
+        if not played.power(line_hz) < FAR * float(np.mean(played.power(around[around > 0.0]))):
+            return False
+    return True

@@ -15,6 +15,7 @@ from piezo_rig.diagnosis.grouping import group_tracks
 from piezo_rig.diagnosis.refit import refit
 from piezo_rig.identification import prepare
 from piezo_rig.studies.hidden import draw
+from tests.diagnosis.small_bench import recordings
 
 
 def heard(kind, protocol, seed=725):
@@ -58,3 +59,43 @@ def test_a_hum_is_heard_again_beside_a_better_model_or_is_none(kind):
     if again is not None:
         assert again.groups is not groups
         assert again.parameters["amplitude"].ci95[0] > 0.0
+
+
+LONGER = (("0-40", 0.0, 40.0, 2.0), ("0-75", 0.0, 75.0, 2.0), ("75-25", 25.0, 75.0, 2.0))
+
+
+def slow_line(sensor, kind="white", repeats=2, seed=0):
+    groups = plain_groups(recordings(
+        sensor=sensor, kind=kind, repeats=repeats, seed=seed, conditions=LONGER
+    ))  # fmt: skip
+    model = Point(starting_model(groups, named_model("classical"), "classical"))
+    return find_line(groups, refit(plain_space(groups, model.model), model).point.model)
+
+
+def plain_groups(sweeps):
+    return group_tracks(prepare(sweeps, first_rises=True, clipped=True), sweeps)
+
+
+@pytest.mark.parametrize("repeats", [1, 2])
+def test_a_table_that_swings_a_few_times_in_a_recording_is_heard(repeats):
+    """7.3 Hz of 3 nm in recordings of 1.5 s, ten or eleven periods, as loud as the noise."""
+    line = slow_line(lambda x, t, rng: x + 3e-3 * np.sin(2.0 * np.pi * 7.3 * t), repeats=repeats)
+    assert line.p_value < 1e-9
+    assert line.frequency == pytest.approx(7.3, abs=0.35)
+    assert 0.5 < line.rms_nm / (3.0 / np.sqrt(2.0)) < 1.5
+
+
+@pytest.mark.parametrize("kind", ["white", "ar", "1/f"])
+def test_slow_noise_is_no_slow_line(kind):
+    for seed in range(3):
+        line = slow_line(None, kind, seed=seed)
+        assert line is None or line.p_value > 1e-3
+
+
+@pytest.mark.parametrize("differ", [
+    lambda x, t, rng: x * (1.0 + 0.002 * np.log10(1.0 + t[0])),  # ages, by its place in the session
+    lambda x, t, rng: x + 2e-3 * (t - t[0]) * np.exp(-t[0] / 100.0),  # a drift that settles
+])  # fmt: skip
+def test_what_repeats_differ_by_because_of_the_drive_is_no_slow_line(differ):
+    line = slow_line(differ)
+    assert line is None or line.p_value > 1e-3
