@@ -17,7 +17,8 @@ from piezo_rig.diagnosis.groups import Group, Groups
 FloatArray = NDArray[np.float64]
 LENGTHS = (32, 16, 128, 512)  # thinned samples of a stretch: slow ringing is slow in a short one
 SPIKED = 16  # samples of a stretch, of which one may be loud: a spike, and the cell it spreads to
-BELOW = 1.2816  # standard deviations from the median to the tenth percentile
+# percentiles, and standard deviations from the median to each
+WITHIN = ((10.0, -1.2816), (25.0, -0.6745), (75.0, 0.6745))
 FEW = 20  # stretches that say nothing of how much they scatter
 STANDS_OUT = 6.0  # standard deviations of the logarithm of a stretch's power
 MOST_TOLD = 3
@@ -49,8 +50,8 @@ def bursts(groups: Groups, model: Model) -> Bursts | None:
     that have none from the model.
 
     Stretches are compared by the logarithm of their power, trends and the loudest samples taken
-    off: a spike is no burst. Its scatter is that of the quieter half of the data at hand, whatever
-    the spectrum of their noise. Longer stretches are looked at where shorter ones show nothing.
+    off: a spike is no burst. Its scatter is that of three quarters of the data at hand, whatever
+    the spectrum of their noise, the largest of three estimates: few stretches know it badly. Longer stretches are looked at where shorter ones show nothing.
     None where nothing stands out.
     """
     groups = groups.evenly()  # single samples beside corners are noisier than averages
@@ -71,7 +72,7 @@ def _of_length(groups: Groups, model: Model, long: int) -> Bursts | None:
     if not usual > 0.0:
         return None
     apart = np.log(np.maximum(every, 1e-3 * usual) / usual)
-    scatter = -float(np.percentile(apart, 10.0)) / BELOW
+    scatter = max(float(np.percentile(apart, q)) / deviations for q, deviations in WITHIN)
     out = np.flatnonzero(apart > STANDS_OUT * max(scatter, long**-0.5))
     if not out.size:
         return None

@@ -9,6 +9,7 @@ from piezo_rig.diagnosis import diagnose
 from piezo_rig.diagnosis.bursts import bursts
 from piezo_rig.diagnosis.grouping import group_tracks
 from piezo_rig.identification import identify, prepare
+from piezo_rig.studies.hidden import draw
 from tests.diagnosis.two_drives import session
 
 
@@ -80,3 +81,9 @@ def test_spikes_that_were_missed_are_no_bursts():
         volts[rng.integers(100, volts.size - 100, 6)] += 0.025 * rng.choice([-1.0, 1.0], 6)
         spiked.append(s.with_(sensor_v=volts))
     assert found(spiked) is None
+
+
+@pytest.mark.parametrize("seed", [9300, 9301, 9302])
+def test_of_few_stretches_of_slow_noise_none_is_a_burst(seed):
+    """Some thirty long stretches of 1/f noise know badly how much they scatter."""
+    assert found(draw("null", seed, "holds", "1/f", 40.0, 2).sweeps) is None
