@@ -51,7 +51,8 @@ def bursts(groups: Groups, model: Model) -> Bursts | None:
 
     Stretches are compared by the logarithm of their power, trends and the loudest samples taken
     off: a spike is no burst. Its scatter is that of three quarters of the data at hand, whatever
-    the spectrum of their noise, the largest of three estimates: few stretches know it badly. Longer stretches are looked at where shorter ones show nothing.
+    the spectrum of their noise, the largest of three estimates: few stretches know it badly.
+    Longer stretches are looked at where shorter ones show nothing.
     None where nothing stands out.
     """
     groups = groups.evenly()  # single samples beside corners are noisier than averages
