@@ -20,19 +20,19 @@ from piezo_rig.diagnosis.bends import BEND, bend, with_own_bend
 from piezo_rig.diagnosis.detours import ONE_MORE, around, together
 from piezo_rig.diagnosis.fit import Point
 from piezo_rig.diagnosis.foretold import foretold, in_a_better_form
-from piezo_rig.diagnosis.forms import converged, in_another_form, summit
+from piezo_rig.diagnosis.forms import converged, in_another_form, reached, summit
 from piezo_rig.diagnosis.ladder import Ladder, Step
 from piezo_rig.diagnosis.likelihood import Likelihood
 from piezo_rig.diagnosis.own_laws import also, loosen, rather
 from piezo_rig.diagnosis.put_in import LARGE
 from piezo_rig.diagnosis.race import FAR_BEHIND, Tried, raced, tried
 from piezo_rig.diagnosis.reduction import reduce
-from piezo_rig.diagnosis.refit import Fitted, settle
+from piezo_rig.diagnosis.refit import Fitted, refit, settle
 from piezo_rig.diagnosis.refusals import OF_THE_MISFIT, carrying, of_a_corner, of_a_law, worse
 from piezo_rig.diagnosis.scan import LATER, LEVEL, RUN_OFF, Found, Scan, of_base, scan
 from piezo_rig.diagnosis.scores import score_generic
 from piezo_rig.diagnosis.space import Space
-from piezo_rig.diagnosis.spare import AMISS, NEEDED, clear, faint, idle, one_by_one, prune
+from piezo_rig.diagnosis.spare import AMISS, NEEDED, clear, faint, far_off, idle, one_by_one, prune
 
 FloatArray = NDArray[np.float64]
 MOST = 8  # findings
@@ -324,13 +324,17 @@ class Search:
         """Numbers with several summits, and forms, of members that were fitted while the newest was
         missing, or beside one of so many that has gone since.
 
-        How far the laws of the first spring reach is looked for at the end.
+        How far the laws of the first spring reach is looked for at the end, unless the newest is a
+        table, and much is still amiss: a reach that was found without that one made up for it.
         """
         for id in self.causes if len(self.causes) < members else self.causes[:-1]:
             stage = self.fitted.point.model.stage(id)
             if not isinstance(stage, Cause):
                 continue
             scanned = stage.scanned[0] in stage.optional and stage.scanned[0] in stage.parameters
+            beside_table = CAUSES[self.causes[-1]].has_elements and id != self.causes[-1]
+            if scanned and "taper" in stage.parameters and beside_table and far_off(self):
+                self.reach_anew(id)
             if scanned and "taper" not in stage.parameters:
                 self.tell(f"refit with {id} anew")
                 fitted = summit(self.space, self.fitted, id)
@@ -338,6 +342,16 @@ class Search:
                     self.steps[-1] = replace(self.steps[-1], fitted=fitted)
             fitted = in_another_form(self.space, self.fitted, id)
             self.steps[-1] = replace(self.steps[-1], fitted=fitted)
+
+    def reach_anew(self, id: str) -> None:
+        """A law of the first spring once more in all its forms, wherever each may begin."""
+        self.tell(f"refit with {id} anew, wherever it reaches")
+        less = refit(self.space, self.fitted.point.without(id), held=True)
+        there = reached(self.space, self.fitted, id, less)
+        if there.evidence > self.fitted.evidence + NEEDED and (
+            self.error(0, there) <= self.error(0, self.fitted)
+        ):
+            self.steps[-1] = replace(self.steps[-1], fitted=there)
 
     def bar(self, id: str, here: Fitted, why: str, nearer: float) -> None:
         """Refuse a cause until so much of what is left beside the noise is left."""
