@@ -228,7 +228,7 @@ def _on_the_figures(
             "`diagnose --save-model`, it says what its bend is"
         )
     first, last = search.errors(search.first), search.errors(search.ladder.last)
-    if last.mostly_nm < MOSTLY * last.rms_nm:
+    if search.kind == "condition" and last.mostly_nm < MOSTLY * last.rms_nm:
         notes.append(
             "a condition that is left out goes further than all others, where nothing is known of "
             "the elements: that stretch rules the figures; without the worst tenth of every "

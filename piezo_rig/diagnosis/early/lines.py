@@ -47,11 +47,13 @@ def find_line(groups: Groups, model: Model) -> Line | None:
     if low >= 0.5 * high:
         return None
     f = np.arange(low, high, 0.5 / longest)
+    slow = f < CELLS / longest
     score, share = np.zeros(f.size), np.zeros(f.size)
     power, heard = np.zeros(f.size), np.zeros(f.size)
     for row in rows:
         cell = 1.0 / float(row.time_s[-1] - row.time_s[0])
-        told = f >= SLOWEST * cell  # a short recording says nothing of slow lines
+        # a short recording says nothing of slow lines
+        told = f >= np.where(slow, SLOWEST, CELLS) * cell
         level = _background(row, f[told], cell)
         # each recording's own p-value (Fisher): power over background is F(2, 2 INDEPENDENT)
         own = row.power(f[told])
@@ -64,18 +66,23 @@ def find_line(groups: Groups, model: Model) -> Line | None:
     chance = np.ones(f.size)
     told = heard > 0
     chance[told] = chi2_above(2.0 * score[told], 2.0 * share[told])
-    k = int(np.argmin(chance))
-    if not told[k]:
+    longest_row = max(rows, key=lambda r: r.values.size)
+    seen = longest_row.power(f) if lone else power / np.maximum(heard, 1.0)
+
+    def stands_alone(k: int, among: NDArray[np.bool_]) -> bool:
+        beside = among & (np.abs(f - f[k]) > BESIDE / longest)
+        alone = beside.any() and seen[k] >= FAR * float(seen[beside].max())
+        return bool(alone) and _not_played(groups, model, float(f[k]))
+
+    found = list[int]()
+    for some, among, freely in ((told & ~slow, told & ~slow, not lone), (told & slow, told, False)):
+        if some.any():
+            k = int(np.argmin(np.where(some, chance, np.inf)))
+            if freely or stands_alone(k, among):
+                found.append(k)
+    if not found:
         return None
-    slow, kept = f[k] < CELLS / longest, told
-    if not slow:
-        kept = told & (f >= CELLS / longest)
-    row = max(rows, key=lambda r: r.values.size)
-    seen = row.power(f) if lone else power / np.maximum(heard, 1.0)
-    beside = kept & (np.abs(f - f[k]) > BESIDE / longest)
-    alone = beside.any() and seen[k] >= FAR * float(seen[beside].max())
-    if (slow or lone) and not (alone and _not_played(groups, model, float(f[k]))):
-        return None
+    k = min(found, key=lambda k: float(chance[k]))
     rms = float(np.sqrt(0.5 * power[k] / heard[k]))
     plainest = max(rows, key=lambda r: float(r.power(f[k])))
     return Line(_summit(plainest, float(f[k])), 1e3 * rms, min(float(chance[k]) * f.size, 1.0))

@@ -99,3 +99,13 @@ def test_slow_noise_is_no_slow_line(kind):
 def test_what_repeats_differ_by_because_of_the_drive_is_no_slow_line(differ):
     line = slow_line(differ)
     assert line is None or line.p_value > 1e-3
+
+
+def test_a_fan_is_heard_beside_a_table_that_sways_and_noise_that_is_slow():
+    def sensor(x, t, rng):
+        sway = np.convolve(rng.standard_normal(t.size + 400), np.hanning(400), "valid")[: t.size]
+        return x + 2e-3 * np.sin(2.0 * np.pi * 97.3 * t) + 1e-2 * sway / sway.std()
+
+    line = slow_line(sensor)
+    assert line.frequency == pytest.approx(97.3, abs=0.35)
+    assert line.p_value < 1e-9
