@@ -47,7 +47,7 @@ def study(*which):
 
 
 @pytest.mark.parametrize(("rates_hz", "seed"), [
-    (THREE, 1), *(study(THREE, s) for s in (2, 3)), *(study(FIVE, s) for s in (1, 2, 3)),
+    *(study(THREE, s) for s in (1, 2, 3)), *(study(FIVE, s) for s in (1, 2, 3)),
     *(study((4.0, 1.0, 10.0), s) for s in (1, 2, 3)), *(study((10.0, 2.0), s) for s in (1, 2)),
 ])  # fmt: skip
 def test_a_bent_displacement_is_no_asymmetry(rates_hz, seed):

@@ -6,7 +6,7 @@ import pytest
 from piezo_rig.diagnosis import diagnose
 from piezo_rig.diagnosis.put_in import refitted
 from piezo_rig.diagnosis.refit import refit, settle
-from piezo_rig.diagnosis.scan import LEVEL, extended, scan
+from piezo_rig.diagnosis.scan import LEVEL, Scan, extended, scan
 from piezo_rig.studies.hidden import draw
 from tests.diagnosis.small_bench import recordings
 from tests.diagnosis.spaces import begun
@@ -36,6 +36,29 @@ def test_it_is_begun_at_its_whole_size(cut_off_v):
     assert 75.0 - level == pytest.approx(cut_off_v, rel=0.1)
 
 
+def looked(**chances):
+    """A look at some causes, each with its chance; the smaller that is, the more it says."""
+    ids, chance = tuple(chances), np.array(list(chances.values()))
+    said = -np.log(chance)
+    return Scan(tuple(id.replace("_", "-") for id in ids), said, chance, said, 0.0 * said, {})
+
+
+def test_both_limits_are_refitted_where_either_is_likely_and_have_its_chance():
+    found = looked(sensor_clipping=1e-5, creep=1e-4, drive_clipping=6e-3)
+    good = np.flatnonzero(found.p_family < LEVEL)
+    assert found.close(good) == [0, 1]
+    assert found.as_flat(good) == [2]
+    assert found.of_their_kind(good, found.p_family).tolist() == [1e-5, 1e-4, 1e-5]
+
+
+def test_no_limit_is_refitted_and_none_gains_where_neither_is_likely():
+    found = looked(sensor_clipping=2e-2, creep=1e-4, drive_clipping=6e-3)
+    good = np.flatnonzero(found.p_family < LEVEL)
+    assert found.as_flat(good) == []
+    assert found.of_their_kind(good, found.p_family).tolist() == found.p_family.tolist()
+
+
+@pytest.mark.study
 def test_which_limit_it_is_the_refits_say():
     """Beside elements that have gone after the tips, a linear look likes the other limit more."""
     case = draw("drive-clipping", 9101, "one", "1/f", 40.0, 2)

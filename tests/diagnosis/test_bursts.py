@@ -83,7 +83,7 @@ def test_spikes_that_were_missed_are_no_bursts():
     assert found(spiked) is None
 
 
-@pytest.mark.parametrize("seed", [9300, 9301, 9302])
+@pytest.mark.parametrize("seed", [9300, 9301])
 def test_of_few_stretches_of_slow_noise_none_is_a_burst(seed):
     """Some thirty long stretches of 1/f noise know badly how much they scatter."""
     assert found(draw("null", seed, "holds", "1/f", 40.0, 2).sweeps) is None
