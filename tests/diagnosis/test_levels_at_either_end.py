@@ -24,9 +24,9 @@ def triangles(limits):
 
 
 @pytest.mark.parametrize(("name", "limits"), [
-    *(pytest.param("upper", (-100.0, v), marks=pytest.mark.study) for v in (50.0, 54.0, 55.3, 57.0)),
-    pytest.param("lower", (11.7, 100.0), marks=pytest.mark.study),
+    *(("upper", (-100.0, v)) for v in (50.0, 54.0, 55.3, 57.0)), ("lower", (11.7, 100.0)),
 ])  # fmt: skip
+@pytest.mark.study
 def test_a_limit_is_found_where_it_is(name, limits):
     found = diagnose(triangles(limits))
     assert [f.cause for f in found.findings] == ["drive-clipping"]
