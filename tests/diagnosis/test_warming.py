@@ -91,8 +91,8 @@ def test_recordings_without_a_twin_are_left_as_they_are():
     assert settled is groups
 
 
-@pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.study),
-                                  pytest.param(3, marks=pytest.mark.study)])  # fmt: skip
+@pytest.mark.study
+@pytest.mark.parametrize("seed", [1, 2, 3])
 def test_the_drift_is_found(seed):
     found = diagnose(session(seed, 30.0))
     assert [f.cause for f in found.findings] == ["thermal-drift"]

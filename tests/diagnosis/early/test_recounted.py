@@ -27,9 +27,8 @@ def ramps(seed: int, samples: int) -> np.ndarray:
     return np.concatenate(parts)[:samples]
 
 
-@pytest.mark.parametrize(("seed", "lost"), [
-    (1, 23), pytest.param(2, 31, marks=pytest.mark.study),
-])  # fmt: skip
+@pytest.mark.study
+@pytest.mark.parametrize(("seed", "lost"), [(1, 23), (2, 31)])
 def test_all_of_many_samples_that_were_lost_are_counted(seed, lost):
     samples, at = 36_000, 15_203
     drive = ramps(seed, samples + lost)
