@@ -27,7 +27,6 @@ LEVEL = 0.005  # family-wise chance of a false alarm; at 0.01, 4 or 5 of 270 nul
 LATER = 1e-6  # for each after the first: what it is compared with has laws that are only assumed
 CLOSE, RUN_OFF = 0.4, 3  # share of the best score, and how many are refitted to compare
 ALIKE = 0.25  # the same of what looks alike but beside corners
-PLAIN = 300.0  # log-likelihood above which a whole effect is looked for between its examples
 STANDS = 1e-3  # of the largest change from sample to sample, below which a drive stands still
 SOON, SHARP = 2, 0.5  # samples after a turning point; of the usual speed, reached by then
 LEAST_HELD, MANY_STOPS, HELD_SHARE = 20, 4, 0.1  # samples; stops; of all samples
@@ -108,7 +107,6 @@ class Scan:
         least = ALIKE * self.excess[order[0]]
         return [int(i) for i in order
                 if by_speed(self.ids[i]) and self.excess[i] >= least and int(i) not in close]
-
 
     def as_flat(self, good: NDArray[np.int64]) -> list[int]:
         """Which others cut off tips too, where one of those that are refitted does.
@@ -455,10 +453,6 @@ def extended(
 def _beside_one_curve(id: str) -> tuple[str, ...]:
     kind = CAUSES.get(id)
     return kind.beside_one_curve if kind is not None and issubclass(kind, Cause) else ()
-
-
-def _gained(likelihood: Likelihood, columns: Sequence[int]) -> float:
-    return likelihood.evidence(columns) - likelihood.evidence()
 
 
 def _likeliest(
