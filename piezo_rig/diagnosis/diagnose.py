@@ -42,7 +42,9 @@ from piezo_rig.diagnosis.levels import levels
 from piezo_rig.diagnosis.memory import give_back
 from piezo_rig.diagnosis.offsets import recording_offsets
 from piezo_rig.diagnosis.refit import settle
+from piezo_rig.diagnosis.ripples import find_ripple
 from piezo_rig.diagnosis.rungs import Gain, by_laws_nm, rungs_of
+from piezo_rig.diagnosis.scan import LEVEL
 from piezo_rig.diagnosis.unexplained import (
     Unexplained,
     unexplained,
@@ -50,6 +52,7 @@ from piezo_rig.diagnosis.unexplained import (
     with_gain,
     with_levels,
     with_line,
+    with_ripple,
     with_wandering,
 )
 from piezo_rig.diagnosis.unlike import within_what_is_wrong
@@ -289,7 +292,10 @@ def _rest(
     space, last, floor = search.space, search.ladder.last, search.floor_nm
     model, left_nm = last.point.model, rungs[-1].rms_nm
     rest = unexplained(space, last, floor or left_nm, by_laws_nm(rungs), turns.rng, left_nm)
-    rest = with_line(rest, find_line(clean, model), floor)
+    line = find_line(clean, model)
+    rest = with_line(rest, line, floor)
+    if line is None or line.p_value > LEVEL:  # at one speed, that is one over displacement, too
+        rest = with_ripple(rest, find_ripple(clean, model), floor or space.sample_noise_nm)
     gain = unsteady(space.groups, space.whitener, model)
     rest = with_gain(rest, gain, floor, by_laws_nm(rungs, AGEING))
     if refused.get(AGEING) == WANDERS:

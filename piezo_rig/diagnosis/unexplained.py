@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,7 @@ from piezo_rig.diagnosis.likelihood import Likelihood
 from piezo_rig.diagnosis.linear import Linear
 from piezo_rig.diagnosis.reduction import Reduced, reduce
 from piezo_rig.diagnosis.refit import Fitted
+from piezo_rig.diagnosis.ripples import Ripple
 from piezo_rig.diagnosis.scan import LEVEL
 from piezo_rig.diagnosis.scores import score_generic
 from piezo_rig.diagnosis.space import Space
@@ -24,7 +25,7 @@ FloatArray = NDArray[np.float64]
 WORDS = ("drive", "displacement", "direction", "range", "time_since_turn", "cycle", "clock",
          "frequency")  # fmt: skip
 LINES = 0.2  # of the false alarms that a line may take, and a gain
-# of the noise floor: an unsteady gain, and a line, that are worth a word
+# of the noise floor: an unsteady gain or a ripple, and a line, that are worth a word
 SEEN, OF_A_LINE = 0.1, 0.02
 SHARE = 0.2  # of the structured power that a tag must carry to be named
 # of the noise, that structure must exceed: where it was measured between repeats, and where it was
@@ -153,6 +154,17 @@ def with_line(rest: Unexplained, line: Line | None, floor_nm: float | None) -> U
     text = f"a line at {line.frequency:.1f} Hz in clock time, {_two(line.rms_nm)} nm rms"
     least = OF_A_LINE * (floor_nm or 0.0)
     return _besides(rest, line.p_value, line.rms_nm, least, ("clock", "frequency"), text)
+
+
+def with_ripple(rest: Unexplained, ripple: Ripple | None, noise_nm: float) -> Unexplained:
+    """The verdict with an error that comes back with displacement, at a period of its own."""
+    if ripple is None or ripple.p_value > LEVEL * LINES:
+        return rest
+    text = f"{ripple.text}, {_two(ripple.rms_nm)} nm rms"
+    found = _besides(rest, ripple.p_value, ripple.rms_nm, SEEN * noise_nm, ("displacement",), text)
+    if rest.detected:  # of which it is a part
+        found = replace(found, rms_nm=max(rest.rms_nm, ripple.rms_nm))
+    return found
 
 
 def with_gain(

@@ -6,6 +6,7 @@ at every frequency.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -31,19 +32,39 @@ class Line:
     p_value: float
 
 
-def find_line(groups: Groups, model: Model) -> Line | None:
-    """The most unlikely line between the slow end and nine tenths of Nyquist.
+@dataclass(frozen=True, eq=False)
+class Spectrum:
+    """What rows have at every frequency.
 
-    With repeats in what they disagree by. Against a model every harmonic of the drive is one, so
-    there it must stand alone, and far above the second strongest. So it must where it is slow: what
-    recordings differ by goes with the drive there, and noise grows towards the slow end.
+    Attributes
+    ----------
+    f : shape (k,)
+    chance : shape (k,), of each by itself; 1 where no row is long enough
+    power : shape (k,), squared peak amplitude, mean over rows that are long enough
+    told, slow : shape (k,), whether one is; whether lines are slow there
+    cell : resolution of the longest row
     """
-    lone = any(g.repeats < 2 for g in groups.groups)
-    rows = rows_of(groups, model)
-    if not rows or (lone and groups.repeats > 1):  # of some drives only
-        return None
+
+    f: FloatArray
+    chance: FloatArray
+    power: FloatArray
+    told: NDArray[np.bool_]
+    slow: NDArray[np.bool_]
+    cell: float
+
+    def likeliest(self, some: NDArray[np.bool_]) -> int:
+        return int(np.argmin(np.where(some, self.chance, np.inf)))
+
+    def alone(self, k: int, power: FloatArray, among: NDArray[np.bool_]) -> bool:
+        """Whether a line is far above all others of some that are not its neighbours."""
+        beside = among & (np.abs(self.f - self.f[k]) > BESIDE * self.cell)
+        return bool(beside.any()) and bool(power[k] >= FAR * float(power[beside].max()))
+
+
+def spectrum_of(rows: Sequence[Row], high: float) -> Spectrum | None:
+    """From the slow end up to a frequency; None where the rows are too short for it."""
     longest = max(float(r.time_s[-1] - r.time_s[0]) for r in rows)
-    low, high = SLOWEST / longest, 0.45 * groups.rate
+    low = SLOWEST / longest
     if low >= 0.5 * high:
         return None
     f = np.arange(low, high, 0.5 / longest)
@@ -66,29 +87,44 @@ def find_line(groups: Groups, model: Model) -> Line | None:
     chance = np.ones(f.size)
     told = heard > 0
     chance[told] = chi2_above(2.0 * score[told], 2.0 * share[told])
-    longest_row = max(rows, key=lambda r: r.values.size)
-    seen = longest_row.power(f) if lone else power / np.maximum(heard, 1.0)
+    return Spectrum(f, chance, power / np.maximum(heard, 1.0), told, slow, 1.0 / longest)
 
-    def stands_alone(k: int, among: NDArray[np.bool_]) -> bool:
-        beside = among & (np.abs(f - f[k]) > BESIDE / longest)
-        alone = beside.any() and seen[k] >= FAR * float(seen[beside].max())
-        return bool(alone) and _not_played(groups, model, float(f[k]))
 
-    found = list[int]()
-    for some, among, freely in ((told & ~slow, told & ~slow, not lone), (told & slow, told, False)):
-        if some.any():
-            k = int(np.argmin(np.where(some, chance, np.inf)))
-            if freely or stands_alone(k, among):
-                found.append(k)
-    if not found:
+def find_line(groups: Groups, model: Model) -> Line | None:
+    """The most unlikely line between the slow end and nine tenths of Nyquist.
+
+    With repeats in what they disagree by. Against a model every harmonic of the drive is one, so
+    there it must stand alone, and far above the second strongest. So it must where it is slow: what
+    recordings differ by goes with the drive there, and noise grows towards the slow end.
+    """
+    lone = any(g.repeats < 2 for g in groups.groups)
+    rows = rows_of(groups, model)
+    if not rows or (lone and groups.repeats > 1):  # of some drives only
         return None
-    k = min(found, key=lambda k: float(chance[k]))
-    rms = float(np.sqrt(0.5 * power[k] / heard[k]))
-    plainest = max(rows, key=lambda r: float(r.power(f[k])))
-    return Line(_summit(plainest, float(f[k])), 1e3 * rms, min(float(chance[k]) * f.size, 1.0))
+    found = spectrum_of(rows, 0.45 * groups.rate)
+    if found is None:
+        return None
+    longest_row = max(rows, key=lambda r: r.values.size)
+    seen = longest_row.power(found.f) if lone else found.power
+    fast, slow = found.told & ~found.slow, found.told & found.slow
+    standing = list[int]()
+    for some, among, freely in ((fast, fast, not lone), (slow, found.told, False)):
+        if some.any():
+            k = found.likeliest(some)
+            if freely or (
+                found.alone(k, seen, among) and _not_played(groups, model, float(found.f[k]))
+            ):
+                standing.append(k)
+    if not standing:
+        return None
+    k = min(standing, key=lambda k: float(found.chance[k]))
+    rms = float(np.sqrt(0.5 * found.power[k]))
+    plainest = max(rows, key=lambda r: float(r.power(found.f[k])))
+    chance = min(float(found.chance[k]) * found.f.size, 1.0)
+    return Line(summit(plainest, float(found.f[k])), 1e3 * rms, chance)
 
 
-def _summit(row: Row, near_hz: float) -> float:
+def summit(row: Row, near_hz: float) -> float:
     """Where a line is strongest near a frequency, Hz."""
     cell = 1.0 / float(row.time_s[-1] - row.time_s[0])
     f = near_hz + np.linspace(-1.0, 1.0, 41) * cell

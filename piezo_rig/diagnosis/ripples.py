@@ -1,0 +1,131 @@
+"""Errors that repeat with displacement, at any period: a scale's grating, an interpolator, a screw.
+
+No cause of the catalogue but at half a wavelength, so at most "unexplained"; sought in what a model
+leaves, as lines are in clock time. What the base model is wrong by goes with the drive since it
+turned, and is no line over displacement that rises and falls alike.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from piezo_rig.causes.periodic_nonlinearity import HALF_WAVE_UM
+from piezo_rig.chain import Model
+from piezo_rig.diagnosis.early.hum import Row
+from piezo_rig.diagnosis.early.lines import spectrum_of, summit
+from piezo_rig.diagnosis.groups import Group, Groups
+
+FloatArray = NDArray[np.float64]
+STEP_UM = 0.02
+SAMPLES, FEWEST = 4, 40  # in a step, on the average; steps
+HIGHEST = 0.25  # periods in a step
+FILLED = 0.8  # of all steps
+LONG = 0.5  # of the furthest travel
+ORDERS = 0.5, 1.5, 2.0, 3.0  # of a line, where others of the same ripple may be
+PARTS, AGREE = 3, 0.8  # of the travel; of their power, that is left where they are added up
+SCALE_OFF = 0.05  # by which half a wavelength would be another, were the sensitivity wrong
+
+
+@dataclass(frozen=True)
+class Ripple:
+    """The strongest: period in um, rms in nm, and its chance among all periods."""
+
+    period_um: float
+    rms_nm: float
+    p_value: float
+
+    @property
+    def text(self) -> str:
+        ratio = self.period_um / HALF_WAVE_UM
+        text = f"an error that comes back every {1e3 * self.period_um:.4g} nm of displacement"
+        if abs(ratio - 1.0) > SCALE_OFF:
+            return text
+        return (f"{text}; an interferometer's comes every {1e3 * HALF_WAVE_UM:.4g} nm, and would "
+                f"be this one if the sensitivity were {1.0 / ratio:.4g} times what was "
+                "said")  # fmt: skip
+
+
+def find_ripple(groups: Groups, model: Model) -> Ripple | None:
+    """A line over displacement that stands far above all others but its own overtones."""
+    rows = [row for g in groups.groups for row in _rows(g, model)]
+    furthest = max((float(r.time_s[-1]) for r in rows), default=0.0)
+    rows = [r for r in rows if r.time_s[-1] >= LONG * furthest]  # lines of others are wide
+    if not rows:
+        return None
+    step = min(float(r.time_s[1] - r.time_s[0]) for r in rows)
+    found = spectrum_of(rows, HIGHEST / step)
+    if found is None or not found.told.any():
+        return None
+    k = int(np.argmax(np.where(found.told, found.power, 0.0)))
+    among = found.told & ~_overtones(found.f, float(found.f[k]), 4.0 * found.cell)
+    if not found.alone(k, found.power, among):
+        return None
+    plainest = max(rows, key=lambda r: float(r.power(found.f[k])) * r.values.size)
+    periods_per_um = summit(plainest, float(found.f[k]))
+    if not _goes_on(rows, periods_per_um):
+        return None
+    chance = min(float(found.chance[k]) * found.f.size, 1.0)
+    return Ripple(1.0 / periods_per_um, 1e3 * float(np.sqrt(0.5 * found.power[k])), chance)
+
+
+def _goes_on(rows: Sequence[Row], periods_per_um: float) -> bool:
+    """Whether a line is all over the travel, in one phase: a lump or two have a line of their own
+    somewhere, which ends where they do.
+    """
+    together, apart = 0.0, 0.0
+    for row in rows:
+        parts = [
+            Row(x, y, 1.0).line(periods_per_um)
+            for x, y in zip(np.array_split(row.time_s, PARTS), np.array_split(row.values, PARTS),
+                            strict=True)
+        ]  # fmt: skip
+        together += abs(sum(parts)) ** 2
+        apart += PARTS * sum(abs(line) ** 2 for line in parts)
+    return together > AGREE * apart
+
+
+def _overtones(f: FloatArray, of: float, width: float) -> NDArray[np.bool_]:
+    near = np.zeros(f.size, bool)
+    for order in ORDERS:
+        near |= np.abs(f - order * of) <= width
+    return near
+
+
+def _rows(group: Group, model: Model) -> list[Row]:
+    """What a model leaves of every block's mean over displacement, rising and falling alike, in
+    steps of displacement.
+    """
+    predicted = group.predicted(model)
+    left = group.measured_um.mean(axis=0) - predicted
+    rows = []
+    for a, b in group.blocks:
+        x, y = predicted[a:b], left[a:b]
+        steps = int(min(np.ptp(x) / STEP_UM, (b - a) / SAMPLES))
+        if steps < FEWEST:
+            continue
+        step = float(np.ptp(x)) / steps
+        at = np.minimum(((x - x.min()) / step).astype(int), steps - 1)
+        up = np.gradient(x) > 0.0
+        both = [_averages(at[way], y[way], steps) for way in (up, ~up) if way.any()]
+        both = [means for means in both if np.mean(np.isfinite(means)) > FILLED]
+        if not both:
+            continue
+        known = np.array([np.isfinite(m) for m in both])
+        total = np.where(known, both, 0.0).sum(axis=0)
+        count = known.sum(axis=0)
+        k = np.arange(steps)
+        there = count > 0
+        values = np.interp(k, k[there], total[there] / count[there])
+        rows.append(Row(step * k, values, 1.0))
+    return rows
+
+
+def _averages(at: NDArray[np.int_], values: FloatArray, steps: int) -> FloatArray:
+    """Of the values in every step; nan where there are none."""
+    count = np.bincount(at, minlength=steps)
+    total = np.bincount(at, values, minlength=steps)
+    return np.asarray(np.where(count > 0, total / np.maximum(count, 1), np.nan))

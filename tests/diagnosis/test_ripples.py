@@ -1,0 +1,67 @@
+"""An error of the sensor that comes back with displacement is seen, whatever its period."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from piezo_rig.causes import named_model
+from piezo_rig.diagnosis import diagnose
+from piezo_rig.diagnosis.engine import plain_space
+from piezo_rig.diagnosis.fit import Point, starting_model
+from piezo_rig.diagnosis.grouping import group_tracks
+from piezo_rig.diagnosis.refit import refit
+from piezo_rig.diagnosis.ripples import find_ripple
+from piezo_rig.identification import prepare
+from piezo_rig.studies.hidden import draw
+from tests.diagnosis.small_bench import recordings
+
+
+def seen(sweeps):
+    """In what a classical model leaves."""
+    groups = group_tracks(prepare(sweeps, first_rises=True, clipped=True), sweeps)
+    model = Point(starting_model(groups, named_model("classical"), "classical"))
+    return find_ripple(groups, refit(plain_space(groups, model.model), model).point.model)
+
+
+def grating(period_um, size_um, form=np.sin):
+    return lambda x, t, rng: x + size_um * form(2.0 * np.pi * (x + 0.03) / period_um)
+
+
+@pytest.mark.parametrize("repeats", [1, 2])
+@pytest.mark.parametrize("period_um", [0.12, 0.4, 0.57])
+def test_a_ripple_of_any_period_is_seen(period_um, repeats):
+    found = seen(recordings(sensor=grating(period_um, 3e-3), repeats=repeats))
+    assert found.period_um == pytest.approx(period_um, rel=0.02)
+    # elements take in the more of it, the fewer periods there are
+    assert 0.4 < found.rms_nm / (3.0 / np.sqrt(2.0)) < 1.1
+    assert found.p_value < 1e-9
+
+
+def test_its_overtones_hide_no_ripple():
+    """An interpolator that loses counts: a saw tooth, whose second order has half the size."""
+    found = seen(recordings(sensor=grating(0.5, 3e-3, lambda a: (a / np.pi) % 2.0 - 1.0)))
+    assert found.period_um == pytest.approx(0.5, rel=0.01)
+
+
+def test_it_is_unexplained_and_goes_with_displacement():
+    rest = diagnose(recordings(sensor=grating(0.57, 3e-3))).unexplained
+    assert rest.detected
+    assert "displacement" in rest.depends_on
+    assert "every 57" in rest.text or "every 56" in rest.text
+
+
+def test_a_period_near_half_a_wavelength_tells_the_scale():
+    """A sensitivity that is 2 % too large: every length that is read is, the half wave too."""
+    found = seen(recordings(sensor=lambda x, t, rng: 1.02 * grating(0.3164, 3e-3)(x, t, rng)))
+    assert found.period_um == pytest.approx(1.02 * 0.3164, rel=0.003)
+    assert "316.4 nm" in found.text
+    assert "if the sensitivity were 0.98" in found.text
+
+
+@pytest.mark.parametrize("kind", [
+    "null", "creep", "amplifier-lag", "direction-asymmetry",
+])  # fmt: skip
+@pytest.mark.parametrize("protocol", ["matrix", "holds", "one"])
+def test_what_a_model_gets_wrong_is_no_ripple(kind, protocol):
+    assert seen(draw(kind, 4021, protocol, "1/f", 100.0, 2).sweeps) is None
