@@ -165,7 +165,8 @@ def _answer(
                 events=f.events)
         for i, f in enumerate(early)
     ]  # fmt: skip
-    own = _of_the_ladder(search, steps, gains[len(early) :], model, rungs[-1].rms_nm)
+    before = len(turns.cleaned) - 1
+    own = _of_the_ladder(search, steps, gains[before:], model, rungs[-1].rms_nm)
     findings += own
     notes += [
         f"the base model has a memoryless bend: {BENDS[s.cause]}" for s in steps
@@ -180,6 +181,9 @@ def _answer(
     refused = search.ladder.scans[-1].refused if search.ladder.scans else {}
     rest = _rest(turns, clean, rungs, refused)
     confused = {f.cause: f.alternatives for f in own}
+    if turns.aside is not None:
+        notes.append(f"{turns.aside.text} is set aside before causes are looked for; the model "
+                     "does not have it")  # fmt: skip
     if turns.reading is None and any(
         CAUSES[c].place == "drive" for cause, others in confused.items() if others
         for c in (cause, *others)
@@ -189,9 +193,9 @@ def _answer(
         len(turns.sweeps), sum(s.samples for s in turns.sweeps), raw.repeats, search.kind,
         recording_offsets(space, clean, search.first, turns.sweeps), name, rungs, search.floor_nm,
         findings, rest, follow_up(space, last, confused), model,
-        [*([search.first.point.model] * (1 + len(early))), *(s.fitted.point.model for s in steps)],
+        [*([search.first.point.model] * (1 + before)), *(s.fitted.point.model for s in steps)],
         notes, warnings, refused,
-        Workings((raw, *(f.groups for f in early), *(clean for _ in steps)), space, last),
+        Workings((*(g for _, g in turns.cleaned), *(clean for _ in steps)), space, last),
     )  # fmt: skip
 
 
@@ -201,18 +205,17 @@ def _figures(
     """Every rung with its errors; what each gained; where the climb held out other things than the
     figures do, the errors of the first and the last rung on those.
     """
-    search, early = turns.search, turns.early
-    space, kind, folds = search.space, search.kind, search.folds
+    search, space = turns.search, turns.search.space
+    kind, folds = search.kind, search.folds
     every = [
-        *(partial(held_out_errors, space, search.first, kind, g)
-          for g in (turns.raw, *(f.groups for f in early))),
+        *(partial(held_out_errors, space, search.first, kind, g) for _, g in turns.cleaned),
         *(partial(search.errors, s.fitted) for s in steps),
     ]  # fmt: skip
     carried = [
         partial(held_out_errors, space, f, folds) for f in (search.first, search.ladder.last)
     ] if kind != folds and folds in ("condition", "sweep") else []  # fmt: skip
     found = abreast(space, [*every, *carried])
-    names = [name, *(f.cause for f in early), *(s.cause for s in steps)]
+    names = [name, *(cause for cause, _ in turns.cleaned[1:]), *(s.cause for s in steps)]
     return *rungs_of(names, found[: len(every)], turns.rng), found[len(every) :]
 
 
@@ -294,8 +297,10 @@ def _rest(
     rest = unexplained(space, last, floor or left_nm, by_laws_nm(rungs), turns.rng, left_nm)
     line = find_line(clean, model)
     rest = with_line(rest, line, floor)
-    if line is None or line.p_value > LEVEL:  # at one speed, that is one over displacement, too
-        rest = with_ripple(rest, find_ripple(clean, model), floor or space.sample_noise_nm)
+    ripple = turns.aside
+    if ripple is None and (line is None or line.p_value > LEVEL):  # which is one at one speed
+        ripple = find_ripple(clean, model)
+    rest = with_ripple(rest, ripple, floor or space.sample_noise_nm)
     gain = unsteady(space.groups, space.whitener, model)
     rest = with_gain(rest, gain, floor, by_laws_nm(rungs, AGEING))
     if refused.get(AGEING) == WANDERS:

@@ -15,9 +15,11 @@ from piezo_rig.diagnosis.unexplained import Unexplained
 
 EVENTS = ("outliers", "fringe-jump", "dropped-samples")  # nothing foretells them: no gain
 REFITTED = "refitted"  # the rung from which on a given model follows the data
+RIPPLE = "ripple"  # the rung from which on one is set aside
 NO_FINDINGS = {
     **dict.fromkeys((Bend.id, InputBend.id, OutputBend.id), "part of the base model"),
     REFITTED: "follows the data from here on",
+    RIPPLE: "an error over displacement, set aside",
 }
 
 
@@ -75,5 +77,6 @@ def said_all(found: Diagnosis, baseline: str) -> str:
 
     ``baseline`` : what it is called
     """
-    bent = any(r.added in NO_FINDINGS and r.added != REFITTED for r in found.rungs[1:])
+    bends = NO_FINDINGS.keys() - {REFITTED, RIPPLE}
+    bent = any(r.added in bends for r in found.rungs[1:])
     return f"{baseline}, with a memoryless bend," if bent else baseline

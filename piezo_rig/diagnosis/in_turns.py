@@ -34,8 +34,10 @@ from piezo_rig.diagnosis.early import (
 from piezo_rig.diagnosis.early.recounted import BESIDE_ALL, PLAINLY, square_of
 from piezo_rig.diagnosis.engine import plainly
 from piezo_rig.diagnosis.fit import Point
+from piezo_rig.diagnosis.found import RIPPLE
 from piezo_rig.diagnosis.groups import Groups
 from piezo_rig.diagnosis.refit import Fitted
+from piezo_rig.diagnosis.ripples import Ripple, set_aside, without
 from piezo_rig.diagnosis.scale import at_one_phase, read_anew
 from piezo_rig.diagnosis.scan import LEVEL
 from piezo_rig.run_file.sweep import Sweep
@@ -62,7 +64,8 @@ class InTurns:
     start : the baseline, fitted to what is clean by now
     between : whether the drive is known to turn between samples
     early : what was found wrong with the recordings themselves, in order
-    whole, clean : without that; with repeats also at one phase of the interferometer's error
+    aside : an error that comes back with displacement at a period of its own, if there is one
+    whole, clean : without all that; with repeats also at one phase of the interferometer's error
     reading : of the drive monitor
     """
 
@@ -73,6 +76,7 @@ class InTurns:
     tell: Callable[[str], None]
     between: bool
     early: list[Early] = field(default_factory=list)
+    aside: Ripple | None = None
     reading: Reading | None = None
     notes: list[str] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
@@ -84,6 +88,12 @@ class InTurns:
     def tried(self) -> int:
         """Causes in the race, for the correction."""
         return sum(1 for k in CAUSES.values() if issubclass(k, Cause))
+
+    @property
+    def cleaned(self) -> list[tuple[str, Groups]]:
+        """The recordings as they were made, then what was taken off, with what that left."""
+        off = [("", self.raw), *((f.cause, f.groups) for f in self.early)]
+        return off if self.aside is None else [*off, (RIPPLE, self.clean)]
 
     @property
     def hums(self) -> bool:
@@ -137,6 +147,7 @@ class InTurns:
         if self.early:
             self.whole = self.early[-1].groups
             self.start = plainly(self.whole, point)
+        self._set_aside()
         self.clean = at_one_phase(self.whole, self.start.point.model)
         if self.clean is not self.whole:
             self.notes.append(
@@ -147,6 +158,20 @@ class InTurns:
         if self.reading is not None:
             self.notes += self.reading.notes
             self.warnings += self.reading.warnings
+
+    def _set_aside(self) -> None:
+        """An error that comes back with displacement, and has no name."""
+        found = set_aside(
+            self.whole, self.start.point, lambda groups, p: plainly(groups, p).point,
+            SHARE * LEVEL / self.tried,
+        )  # fmt: skip
+        if found is not None:
+            self.aside, self.whole = found.ripple, found.groups
+            self.start = plainly(self.whole, self.start.point)
+
+    def _without(self, groups: Groups, model: Model) -> Groups:
+        """Recordings less what was set aside."""
+        return groups if self.aside is None else without(groups, model, self.aside)
 
     def _cleaned(
         self, beside: Point | None = None, behind: float | None = None, enough: float = PLAINLY
@@ -189,7 +214,7 @@ class InTurns:
             return False
         if others:
             self.early = behind
-            self.whole = behind[-1].groups if behind else self.raw
+            self.whole = self._without(behind[-1].groups if behind else self.raw, base.model)
             self.clean = at_one_phase(self.whole, plainly(self.whole, base).point.model)
             self.start = plainly(self.clean, base)
         return others
@@ -216,6 +241,7 @@ class InTurns:
         if again is not None:
             self.early.append(again)
             self.whole = again.groups
+        self.whole = self._without(self.whole, better)
         self.clean = at_one_phase(self.whole, better.without(PERIODIC))
         self.start = plainly(self.clean, self.start.point)
         self._climb()

@@ -2,13 +2,15 @@
 
 No cause of the catalogue but at half a wavelength, so at most "unexplained"; sought in what a model
 leaves, as lines are in clock time. What the base model is wrong by goes with the drive since it
-turned, and is no line over displacement that rises and falls alike.
+turned, and is no line over displacement that rises and falls alike. Such an error is set aside
+before causes are looked for, which would be taken for it: no element of a base can follow it, but
+many laws can a little.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +19,7 @@ from piezo_rig.causes.periodic_nonlinearity import HALF_WAVE_UM
 from piezo_rig.chain import Model
 from piezo_rig.diagnosis.early.hum import Row
 from piezo_rig.diagnosis.early.lines import spectrum_of, summit
+from piezo_rig.diagnosis.fit import Point
 from piezo_rig.diagnosis.groups import Group, Groups
 
 FloatArray = NDArray[np.float64]
@@ -24,9 +27,13 @@ STEP_UM = 0.02
 SAMPLES, FEWEST = 4, 40  # in a step, on the average; steps
 HIGHEST = 0.25  # periods in a step
 FILLED = 0.8  # of all steps
+ORDERS_OFF = 3  # that are taken off
 LONG = 0.5  # of the furthest travel
 ORDERS = 0.5, 1.5, 2.0, 3.0  # of a line, where others of the same ripple may be
 PARTS, AGREE = 3, 0.8  # of the travel; of their power, that is left where they are added up
+JOINTLY = 6  # turns of fitting base and ripple
+LEAST_PERIODS = 3.0  # over the travel of a block, for its share to be told from elements
+SAME = 0.25  # of the resolution of a period, by which two are the same
 SCALE_OFF = 0.05  # by which half a wavelength would be another, were the sensitivity wrong
 
 
@@ -47,6 +54,71 @@ class Ripple:
         return (f"{text}; an interferometer's comes every {1e3 * HALF_WAVE_UM:.4g} nm, and would "
                 f"be this one if the sensitivity were {1.0 / ratio:.4g} times what was "
                 "said")  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class Aside:
+    """A ripple, and recordings without it."""
+
+    ripple: Ripple
+    groups: Groups
+
+
+def set_aside(
+    groups: Groups, point: Point, refitted: Callable[[Groups, Point], Point], level: float
+) -> Aside | None:
+    """What a baseline leaves of a ripple, taken off by turns with what the baseline made of it.
+
+    None without a plain one, and where it is the interferometer's own, which has a name.
+
+    ``level`` : family-wise chance of a false alarm
+    """
+    ripple = find_ripple(groups, point.model)
+    if ripple is None or ripple.p_value > level or _of_half_a_wave(ripple, groups):
+        return None
+    clean = without(groups, point.model, ripple)
+    for _ in range(JOINTLY):
+        point = refitted(clean, point)
+        ripple = find_ripple(groups, point.model) or ripple
+        clean = without(groups, point.model, ripple)
+    return Aside(replace(ripple, rms_nm=_taken_nm(groups, clean)), clean)
+
+
+def without(groups: Groups, model: Model, ripple: Ripple) -> Groups:
+    """Recordings less what is best explained by a ripple of that period, block by block: where
+    they stand on the sensor's scale nobody may know.
+    """
+    return groups.with_([_without(g, g.predicted(model), ripple.period_um) for g in groups.groups])
+
+
+def _without(group: Group, predicted: FloatArray, period_um: float) -> Group:
+    off = np.zeros(predicted.size)
+    left = group.measured_um.mean(axis=0) - predicted
+    for a, b in group.blocks:
+        x, y = predicted[a:b], left[a:b]
+        if np.ptp(x) < LEAST_PERIODS * period_um:
+            continue
+        angle = 2.0 * np.pi / period_um * np.arange(1, ORDERS_OFF + 1)[:, None] * x
+        columns = np.concatenate([np.sin(angle), np.cos(angle), np.ones((1, x.size))])
+        shares = np.linalg.lstsq(columns.T, y, rcond=None)[0]
+        off[a:b] = shares[:-1] @ columns[:-1]
+    return group.with_measured(group.measured_um - off)
+
+
+def _taken_nm(groups: Groups, clean: Groups) -> float:
+    changes = [
+        (g.measured_um[0] - c.measured_um[0])[a:b]
+        for g, c in zip(groups.groups, clean.groups, strict=True) for a, b in g.blocks
+    ]  # fmt: skip
+    return 1e3 * float(np.sqrt(np.mean(np.concatenate(changes) ** 2)))
+
+
+def _of_half_a_wave(ripple: Ripple, groups: Groups) -> bool:
+    """Whether it is one of the first two orders of the interferometer's error."""
+    resolution = ripple.period_um**2 / groups.travel_um
+    return any(
+        abs(ripple.period_um - HALF_WAVE_UM / order) < SAME * resolution for order in (1, 2)
+    )
 
 
 def find_ripple(groups: Groups, model: Model) -> Ripple | None:
@@ -120,7 +192,7 @@ def _rows(group: Group, model: Model) -> list[Row]:
         k = np.arange(steps)
         there = count > 0
         values = np.interp(k, k[there], total[there] / count[there])
-        rows.append(Row(step * k, values, 1.0))
+        rows.append(Row(np.asarray(step * k, dtype=np.float64), np.asarray(values), 1.0))
     return rows
 
 

@@ -39,7 +39,10 @@ LEFT_IN_DRIVE = 0.4  # of the noise that was taken out of the drive
 
 @dataclass(frozen=True)
 class Unexplained:
-    """The verdict on the rest; sizes in nm with the noise taken out."""
+    """The verdict on the rest; sizes in nm with the noise taken out.
+
+    ``period_um`` : of an error that comes back with displacement
+    """
 
     detected: bool
     p_value: float
@@ -47,6 +50,7 @@ class Unexplained:
     allowance_nm: float
     depends_on: list[str]
     text: str
+    period_um: float | None = None
 
 
 def unexplained(
@@ -162,9 +166,11 @@ def with_ripple(rest: Unexplained, ripple: Ripple | None, noise_nm: float) -> Un
         return rest
     text = f"{ripple.text}, {_two(ripple.rms_nm)} nm rms"
     found = _besides(rest, ripple.p_value, ripple.rms_nm, SEEN * noise_nm, ("displacement",), text)
-    if rest.detected:  # of which it is a part
-        found = replace(found, rms_nm=max(rest.rms_nm, ripple.rms_nm))
-    return found
+    if found is rest:
+        return rest
+    # of what was there before it is a part
+    rms_nm = max(rest.rms_nm, ripple.rms_nm) if rest.detected else found.rms_nm
+    return replace(found, rms_nm=rms_nm, period_um=ripple.period_um)
 
 
 def with_gain(
@@ -224,9 +230,9 @@ def _besides(
     words = [w for w in WORDS if w in {*rest.depends_on, *goes_with}]
     if not rest.detected:
         return Unexplained(True, min(rest.p_value, p_value), rms_nm, least_nm, words, text)
-    return Unexplained(
-        True, min(rest.p_value, p_value), float(np.hypot(rest.rms_nm, rms_nm)), rest.allowance_nm,
-        words, f"{rest.text}; {text}",
+    return replace(
+        rest, p_value=min(rest.p_value, p_value), rms_nm=float(np.hypot(rest.rms_nm, rms_nm)),
+        depends_on=words, text=f"{rest.text}; {text}",
     )  # fmt: skip
 
 

@@ -14,7 +14,7 @@ from piezo_rig.causes.cause import Cause
 from piezo_rig.causes.mains_hum import FUNDAMENTALS_HZ
 from piezo_rig.diagnosis import Diagnosis, Finding
 from piezo_rig.diagnosis.events import LISTED, in_all
-from piezo_rig.diagnosis.found import said_all
+from piezo_rig.diagnosis.found import RIPPLE, said_all
 from piezo_rig.report.events import events_html, marks_of
 from piezo_rig.report.residuals import Residuals
 from piezo_rig.report.spectrum import hum_plot
@@ -24,6 +24,7 @@ from piezo_rig.report.views import (
     before_and_after,
     own_scale,
     rest_views,
+    ripple_view,
     single,
     views_of,
     y_label,
@@ -189,10 +190,25 @@ def rest_html(found: Diagnosis, residuals: Residuals | None) -> str:
     if residuals is not None:
         last = residuals.rungs - 1
         out.append(_inexact(found, residuals, last))
+        out.append(_ripple(found, residuals))
         for view in rest_views(rest.depends_on):
             out.append(figure_html(_last(found, residuals, last, view),
                                    view.text + _floor_words(found)))  # fmt: skip
     return "\n".join(out)
+
+
+def _ripple(found: Diagnosis, residuals: Residuals) -> str:
+    """What comes back with displacement: before it was set aside and after, or what is left."""
+    if found.unexplained.period_um is None:
+        return ""
+    view, words = ripple_view(found.unexplained.period_um), _floor_words(found)
+    at = next((i for i, r in enumerate(found.rungs) if r.added == RIPPLE), None)
+    if at is None:
+        return figure_html(_last(found, residuals, residuals.rungs - 1, view), view.text + words)
+    plot = before_and_after(
+        residuals, (at - 1, at), "the ripple set aside", view, found.noise_floor_nm
+    )
+    return figure_html(plot, view.text + words)
 
 
 def _inexact(found: Diagnosis, residuals: Residuals, rung: int) -> str:

@@ -145,6 +145,15 @@ _DRIVE = View(
     lambda s: s.drive_v, "drive (V)", "V", _directions,
     "Rising and falling half loops apart, all conditions together.",
 )
+
+
+def _folded(period_um: float, which: str, text: str) -> View:
+    return View(
+        lambda s: np.mod(1e3 * s.displacement_um, 1e3 * period_um),
+        f"displacement modulo {1e3 * period_um:.4g} nm{which} (nm)", "nm", _all, text,
+    )  # fmt: skip
+
+
 _CHANGE = "drive change since the turning point (V)"
 _ALONG = "Counted in the direction of the motion: above zero the actuator is further on than the "
 VIEWS: dict[str, tuple[View, ...]] = {
@@ -153,9 +162,8 @@ VIEWS: dict[str, tuple[View, ...]] = {
     "amplifier-lag": (_SINCE,),
     "slew-limit": (_SINCE,),
     "resonance": (_RINGING,),
-    "periodic-nonlinearity": (View(
-        lambda s: np.mod(1e3 * s.displacement_um, 1e3 * HALF_WAVE_UM),
-        "displacement modulo 316.4 nm, half a wavelength (nm)", "nm", _all,
+    "periodic-nonlinearity": (_folded(
+        HALF_WAVE_UM, ", half a wavelength",
         "An error of the interferometer comes back every half wavelength, so that it adds up "
         "here, while everything else averages out.",
     ),),
@@ -242,6 +250,12 @@ REST: dict[str, View] = {
 def rest_views(depends_on: Sequence[str]) -> list[View]:
     """The last residual against drive and time since the turn, and what else it goes with."""
     return list(dict.fromkeys([_DRIVE, _LAST, *(REST[w] for w in depends_on if w in REST)]))
+
+
+def ripple_view(period_um: float) -> View:
+    """What comes back with displacement."""
+    return _folded(period_um, "", "What comes back so often adds up here, while everything else "
+                                  "averages out.")  # fmt: skip
 
 
 def y_label(view: View) -> str:

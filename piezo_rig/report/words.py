@@ -16,7 +16,7 @@ from piezo_rig.causes import CAUSES
 from piezo_rig.chain import Parameter
 from piezo_rig.diagnosis import Diagnosis, Finding
 from piezo_rig.diagnosis.document import TRIED_OUT
-from piezo_rig.diagnosis.found import said_all
+from piezo_rig.diagnosis.found import RIPPLE, said_all
 
 PLACES = {
     "drive": "the drive (amplifier)",
@@ -148,7 +148,11 @@ def verdict(d: Diagnosis) -> list[str]:
         times = first.rms_nm / max(last.rms_nm, 1e-12)
         falls = "falls" if times >= 1.0 else "comes"
         smaller = f", {times:.2g} times smaller" if times >= 1.05 else ""
-        out.append(f"With {'it' if count == 1 else 'all of that'} the error {falls} to "
+        said = "it" if count == 1 else "all of that"
+        if any(r.added == RIPPLE for r in d.rungs):
+            aside = "an error that comes back with displacement set aside"
+            said = f"{said}, and {aside}," if count else aside
+        out.append(f"With {said} the error {falls} to "
                    f"{nm(last.rms_nm)} rms and {last.max_percent:.2g} % at worst{smaller}.")
     floor = "" if d.noise_floor_nm is None else (
         f" Repeats of the same drive differ by {nm(d.noise_floor_nm)} among themselves; no model "
@@ -158,8 +162,9 @@ def verdict(d: Diagnosis) -> list[str]:
     verdict = "Nothing that remains stands out of the noise."
     if rest.detected:
         on = [TOLD.get(w, w) for w in rest.depends_on]
+        often = f", every {1e3 * rest.period_um:.4g} nm" if rest.period_um is not None else ""
         verdict = (f"Something remains that no known cause explains: {nm(rest.rms_nm)} rms"
-                   f"{', which goes with ' + listed(on) if on else ''}.")  # fmt: skip
+                   f"{', which goes with ' + listed(on) if on else ''}{often}.")  # fmt: skip
     unsure = [f"{f.cause} may as well be {listed(f.alternatives, 'or')}"
               for f in d.findings if f.alternatives]  # fmt: skip
     if unsure:

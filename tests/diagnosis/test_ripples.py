@@ -7,21 +7,26 @@ import pytest
 
 from piezo_rig.causes import named_model
 from piezo_rig.diagnosis import diagnose
-from piezo_rig.diagnosis.engine import plain_space
+from piezo_rig.diagnosis.engine import plain_space, plainly
 from piezo_rig.diagnosis.fit import Point, starting_model
 from piezo_rig.diagnosis.grouping import group_tracks
 from piezo_rig.diagnosis.refit import refit
-from piezo_rig.diagnosis.ripples import find_ripple
+from piezo_rig.diagnosis.ripples import find_ripple, set_aside
 from piezo_rig.identification import prepare
 from piezo_rig.studies.hidden import draw
 from tests.diagnosis.small_bench import recordings
 
 
-def seen(sweeps):
-    """In what a classical model leaves."""
+def classical(sweeps):
     groups = group_tracks(prepare(sweeps, first_rises=True, clipped=True), sweeps)
     model = Point(starting_model(groups, named_model("classical"), "classical"))
-    return find_ripple(groups, refit(plain_space(groups, model.model), model).point.model)
+    return groups, refit(plain_space(groups, model.model), model).point
+
+
+def seen(sweeps):
+    """In what a classical model leaves."""
+    groups, point = classical(sweeps)
+    return find_ripple(groups, point.model)
 
 
 def grating(period_um, size_um, form=np.sin):
@@ -44,11 +49,28 @@ def test_its_overtones_hide_no_ripple():
     assert found.period_um == pytest.approx(0.5, rel=0.01)
 
 
-def test_it_is_unexplained_and_goes_with_displacement():
-    rest = diagnose(recordings(sensor=grating(0.57, 3e-3))).unexplained
+def test_it_is_set_aside_before_causes_are_looked_for():
+    """A drift beside it is found, and nothing else is taken for it."""
+    ripple = grating(0.57, 3e-3)
+    found = diagnose(recordings(sensor=lambda x, t, rng: ripple(x, t, rng) + 5e-3 * (t - t[0])))
+    assert [f.cause for f in found.findings] == ["thermal-drift"]
+    low, high = found.findings[0].parameters["rate"].ci95
+    assert low < 5.0 < high
+    rest = found.unexplained
     assert rest.detected
-    assert "displacement" in rest.depends_on
-    assert "every 57" in rest.text or "every 56" in rest.text
+    assert rest.depends_on == ["displacement"]
+    assert "every 570" in rest.text
+    assert rest.rms_nm == pytest.approx(3.0 / np.sqrt(2.0), rel=0.05)
+    assert [r.added for r in found.rungs] == ["classical", "ripple", "thermal-drift"]
+    assert found.rungs[-1].rms_nm < 1.05 * found.noise_floor_nm
+
+
+def test_the_half_wave_has_a_name():
+    """The interferometer's own errors, of the first order and the second, are left to it."""
+    for period_um, aside in ((0.3164, False), (0.1582, False), (0.25, True)):
+        groups, point = classical(recordings(sensor=grating(period_um, 2e-3)))
+        found = set_aside(groups, point, lambda groups, p: plainly(groups, p).point, 1e-3)
+        assert (found is not None) == aside
 
 
 def test_a_period_near_half_a_wavelength_tells_the_scale():
