@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from piezo_rig.causes.periodic_nonlinearity import HALF_WAVE_UM
 from piezo_rig.chain import Model
 from piezo_rig.diagnosis.early.hum import Row
-from piezo_rig.diagnosis.early.lines import spectrum_of, summit
+from piezo_rig.diagnosis.early.lines import FAR, spectrum_of, summit
 from piezo_rig.diagnosis.fit import Point
 from piezo_rig.diagnosis.groups import Group, Groups
 
@@ -31,6 +31,7 @@ ORDERS_OFF = 3  # that are taken off
 LONG = 0.5  # of the furthest travel
 ORDERS = 0.5, 1.5, 2.0, 3.0  # of a line, where others of the same ripple may be
 PARTS, AGREE = 3, 0.8  # of the travel; of their power, that is left where they are added up
+NEAR, LESS = 3.0, 0.8  # times others' power, to be tried; squared error that it must leave then
 JOINTLY = 6  # turns of fitting base and ripple
 LEAST_PERIODS = 3.0  # over the travel of a block, for its share to be told from elements
 SAME = 0.25  # of the resolution of a period, by which two are the same
@@ -73,15 +74,31 @@ def set_aside(
 
     ``level`` : family-wise chance of a false alarm
     """
-    ripple = find_ripple(groups, point.model)
-    if ripple is None or ripple.p_value > level or _of_half_a_wave(ripple, groups):
+    ripple = find_ripple(groups, point.model, NEAR)
+    if ripple is None or _of_half_a_wave(ripple, groups):
         return None
-    clean = without(groups, point.model, ripple)
-    for _ in range(JOINTLY):
+    before, clean = _square(groups, point.model), without(groups, point.model, ripple)
+    plain = find_ripple(groups, point.model)
+    for _ in range(JOINTLY):  # what the base has taken of it is given back
         point = refitted(clean, point)
-        ripple = find_ripple(groups, point.model) or ripple
+        ripple = find_ripple(groups, point.model, NEAR) or ripple
         clean = without(groups, point.model, ripple)
+    if plain is None or plain.p_value > level:
+        plain = find_ripple(groups, point.model)
+        if _square(clean, refitted(clean, point).model) > LESS * before:
+            return None
+    if plain is None or plain.p_value > level or _of_half_a_wave(ripple, groups):
+        return None
     return Aside(replace(ripple, rms_nm=_taken_nm(groups, clean)), clean)
+
+
+def _square(groups: Groups, model: Model) -> float:
+    """What a model leaves of the means over repeats, every block from its own mean; um^2."""
+    total = 0.0
+    for g in groups.groups:
+        left = g.measured_um.mean(axis=0) - g.predicted(model)
+        total += sum(float(np.sum((left[a:b] - left[a:b].mean()) ** 2)) for a, b in g.blocks)
+    return total
 
 
 def without(groups: Groups, model: Model, ripple: Ripple) -> Groups:
@@ -121,8 +138,11 @@ def _of_half_a_wave(ripple: Ripple, groups: Groups) -> bool:
     )
 
 
-def find_ripple(groups: Groups, model: Model) -> Ripple | None:
-    """A line over displacement that stands far above all others but its own overtones."""
+def find_ripple(groups: Groups, model: Model, far: float = FAR) -> Ripple | None:
+    """A line over displacement that stands far above all others but its own overtones.
+
+    ``far`` : times their power
+    """
     rows = [row for g in groups.groups for row in _rows(g, model)]
     furthest = max((float(r.time_s[-1]) for r in rows), default=0.0)
     rows = [r for r in rows if r.time_s[-1] >= LONG * furthest]  # lines of others are wide
@@ -134,7 +154,7 @@ def find_ripple(groups: Groups, model: Model) -> Ripple | None:
         return None
     k = int(np.argmax(np.where(found.told, found.power, 0.0)))
     among = found.told & ~_overtones(found.f, float(found.f[k]), 4.0 * found.cell)
-    if not found.alone(k, found.power, among):
+    if not found.alone(k, found.power, among, far):
         return None
     plainest = max(rows, key=lambda r: float(r.power(found.f[k])) * r.values.size)
     periods_per_um = summit(plainest, float(found.f[k]))

@@ -55,10 +55,12 @@ class Spectrum:
     def likeliest(self, some: NDArray[np.bool_]) -> int:
         return int(np.argmin(np.where(some, self.chance, np.inf)))
 
-    def alone(self, k: int, power: FloatArray, among: NDArray[np.bool_]) -> bool:
+    def alone(
+        self, k: int, power: FloatArray, among: NDArray[np.bool_], far: float = FAR
+    ) -> bool:
         """Whether a line is far above all others of some that are not its neighbours."""
         beside = among & (np.abs(self.f - self.f[k]) > BESIDE * self.cell)
-        return bool(beside.any()) and bool(power[k] >= FAR * float(power[beside].max()))
+        return bool(beside.any()) and bool(power[k] >= far * float(power[beside].max()))
 
 
 def spectrum_of(rows: Sequence[Row], high: float) -> Spectrum | None:
