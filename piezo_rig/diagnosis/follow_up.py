@@ -17,9 +17,9 @@ from piezo_rig.causes.cause import Cause, Context
 from piezo_rig.chain import half_loops
 from piezo_rig.config import DEFAULT_RIG, load_rig
 from piezo_rig.diagnosis.confusion import APART
+from piezo_rig.diagnosis.context import context_of
 from piezo_rig.diagnosis.groups import Group
 from piezo_rig.diagnosis.refit import Fitted
-from piezo_rig.diagnosis.scan import context_of
 from piezo_rig.diagnosis.space import Space
 from piezo_rig.errors import PiezoRigError
 from piezo_rig.protocol import Plan, build_plan, load_protocol

@@ -9,6 +9,7 @@ import numpy as np
 from piezo_rig.causes import CAUSES
 from piezo_rig.causes.cause import Cause
 from piezo_rig.chain import Parameter, Stage
+from piezo_rig.diagnosis.context import context_of
 from piezo_rig.diagnosis.early import Reading
 from piezo_rig.diagnosis.early.monitor import LAG, SKEW
 from piezo_rig.diagnosis.fit import Point
@@ -16,7 +17,7 @@ from piezo_rig.diagnosis.forms import beside_kinks
 from piezo_rig.diagnosis.ladder import Ladder, Step
 from piezo_rig.diagnosis.reduction import reduce
 from piezo_rig.diagnosis.refit import Fitted, playable, refit, settle
-from piezo_rig.diagnosis.scan import VISIBLE, context_of
+from piezo_rig.diagnosis.scan import VISIBLE
 from piezo_rig.diagnosis.space import Space
 from piezo_rig.diagnosis.spare import NEEDED
 

@@ -7,9 +7,10 @@ import numpy as np
 from piezo_rig.causes import CAUSES
 from piezo_rig.causes.cause import Cause
 from piezo_rig.diagnosis.chances import chi2_at
+from piezo_rig.diagnosis.context import context_of
 from piezo_rig.diagnosis.fit import Point
 from piezo_rig.diagnosis.refit import Fitted, changed_um, playable, square_of
-from piezo_rig.diagnosis.scan import context_of, of_base
+from piezo_rig.diagnosis.scan import of_base
 from piezo_rig.diagnosis.space import Space
 
 CHANCE = 0.3  # log-likelihood that every element of a table gains

@@ -9,13 +9,13 @@ import numpy as np
 
 from piezo_rig.causes import CAUSES
 from piezo_rig.causes.cause import Cause
+from piezo_rig.diagnosis.context import context_of
 from piezo_rig.diagnosis.fit import Point
 from piezo_rig.diagnosis.likelihood import Likelihood
 from piezo_rig.diagnosis.put_in import all_free, descended
 from piezo_rig.diagnosis.reduction import reduce
 from piezo_rig.diagnosis.refit import Fitted, settle, wholly
 from piezo_rig.diagnosis.refusals import worse
-from piezo_rig.diagnosis.scan import context_of
 from piezo_rig.diagnosis.spare import prune, stood_in
 
 if TYPE_CHECKING:

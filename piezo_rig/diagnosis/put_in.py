@@ -12,6 +12,7 @@ from piezo_rig.causes.cause import Cause
 from piezo_rig.chain import Stage
 from piezo_rig.chain.bend import Bend
 from piezo_rig.diagnosis.abreast import abreast
+from piezo_rig.diagnosis.context import context_of
 from piezo_rig.diagnosis.fit import Point
 from piezo_rig.diagnosis.forms import (
     as_late,
@@ -23,7 +24,7 @@ from piezo_rig.diagnosis.forms import (
 )
 from piezo_rig.diagnosis.needed import does_nothing, needless
 from piezo_rig.diagnosis.refit import Fitted, refit, refit_either_way, settle, square_of
-from piezo_rig.diagnosis.scan import Form, Found, context_of, extended, of_base
+from piezo_rig.diagnosis.scan import Form, Found, extended, of_base
 from piezo_rig.diagnosis.space import Space
 from piezo_rig.errors import InputError
 

@@ -9,8 +9,9 @@ import numpy as np
 from piezo_rig.causes import CAUSES
 from piezo_rig.causes.cause import Cause
 from piezo_rig.diagnosis.confusion import strengths
+from piezo_rig.diagnosis.context import context_of
 from piezo_rig.diagnosis.refit import Fitted, settle
-from piezo_rig.diagnosis.scan import by_speed, context_of
+from piezo_rig.diagnosis.scan import by_speed
 from piezo_rig.diagnosis.wandering import wanders
 
 if TYPE_CHECKING:
