@@ -32,8 +32,9 @@ LONG = 0.5  # of the furthest travel
 ORDERS = 0.5, 1.5, 2.0, 3.0  # of a line, where others of the same ripple may be
 PARTS, AGREE = 3, 0.8  # of the travel; of their power, that is left where they are added up
 NEAR, LESS = 3.0, 0.8  # times others' power, to be tried; squared error that it must leave then
-JOINTLY = 6  # turns of fitting base and ripple
+JOINTLY, STILL = 12, 0.01  # turns of fitting base and ripple, until so little changes
 LEAST_PERIODS = 3.0  # over the travel of a block, for its share to be told from elements
+AS_WELL = 0.95  # squared error that one phase for all takes off, of what one for each does
 SAME = 0.25  # of the resolution of a period, by which two are the same
 SCALE_OFF = 0.05  # by which half a wavelength would be another, were the sensitivity wrong
 
@@ -79,17 +80,21 @@ def set_aside(
         return None
     before, clean = _square(groups, point.model), without(groups, point.model, ripple)
     plain = find_ripple(groups, point.model)
+    taken_nm = 0.0
     for _ in range(JOINTLY):  # what the base has taken of it is given back
         point = refitted(clean, point)
         ripple = find_ripple(groups, point.model, NEAR) or ripple
         clean = without(groups, point.model, ripple)
+        before_nm, taken_nm = taken_nm, _taken_nm(groups, clean)
+        if abs(taken_nm - before_nm) < STILL * taken_nm:
+            break
     if plain is None or plain.p_value > level:
         plain = find_ripple(groups, point.model)
         if _square(clean, refitted(clean, point).model) > LESS * before:
             return None
     if plain is None or plain.p_value > level or _of_half_a_wave(ripple, groups):
         return None
-    return Aside(replace(ripple, rms_nm=_taken_nm(groups, clean)), clean)
+    return Aside(replace(ripple, rms_nm=taken_nm), clean)
 
 
 def _square(groups: Groups, model: Model) -> float:
@@ -102,24 +107,66 @@ def _square(groups: Groups, model: Model) -> float:
 
 
 def without(groups: Groups, model: Model, ripple: Ripple) -> Groups:
-    """Recordings less what is best explained by a ripple of that period, block by block: where
-    they stand on the sensor's scale nobody may know.
+    """Recordings less what is best explained by a ripple of that period.
+
+    All blocks together, as they stand where all begin at one place of the sensor's scale; where
+    they do not, block by block, and short ones not at all.
     """
-    return groups.with_([_without(g, g.predicted(model), ripple.period_um) for g in groups.groups])
+    pieces = [_Piece.of(g, g.predicted(model), ripple.period_um) for g in groups.groups]
+    shares = _shares([x for p in pieces for x in p.columns], [y for p in pieces for y in p.left])
+    lasting = [
+        (x, y) for p in pieces for x, y, n in zip(p.columns, p.left, p.periods, strict=True)
+        if n >= LEAST_PERIODS
+    ]  # fmt: skip
+    square = sum(float(y @ y) for _, y in lasting)
+    joint = square - sum(float(np.sum((y - shares @ x) ** 2)) for x, y in lasting)
+    apart = square - sum(float(np.sum((y - _shares([x], [y]) @ x) ** 2)) for x, y in lasting)
+    known = shares if joint >= AS_WELL * apart else None
+    return groups.with_([
+        g.with_measured(g.measured_um - p.off(known))
+        for g, p in zip(groups.groups, pieces, strict=True)
+    ])  # fmt: skip
 
 
-def _without(group: Group, predicted: FloatArray, period_um: float) -> Group:
-    off = np.zeros(predicted.size)
-    left = group.measured_um.mean(axis=0) - predicted
-    for a, b in group.blocks:
-        x, y = predicted[a:b], left[a:b]
-        if np.ptp(x) < LEAST_PERIODS * period_um:
-            continue
-        angle = 2.0 * np.pi / period_um * np.arange(1, ORDERS_OFF + 1)[:, None] * x
-        columns = np.concatenate([np.sin(angle), np.cos(angle), np.ones((1, x.size))])
-        shares = np.linalg.lstsq(columns.T, y, rcond=None)[0]
-        off[a:b] = shares[:-1] @ columns[:-1]
-    return group.with_measured(group.measured_um - off)
+@dataclass(frozen=True, eq=False)
+class _Piece:
+    """One group: of every block, sines and cosines and what is left, each from its own mean."""
+
+    size: int
+    blocks: tuple[tuple[int, int], ...]
+    columns: list[FloatArray]
+    left: list[FloatArray]
+    periods: list[float]
+
+    @classmethod
+    def of(cls, group: Group, predicted: FloatArray, period_um: float) -> _Piece:
+        left = group.measured_um.mean(axis=0) - predicted
+        columns = []
+        for a, b in group.blocks:
+            angle = 2.0 * np.pi / period_um * np.arange(1, ORDERS_OFF + 1)[:, None]
+            both = np.concatenate([np.sin(angle * predicted[a:b]), np.cos(angle * predicted[a:b])])
+            columns.append(both - both.mean(axis=1, keepdims=True))
+        return cls(
+            predicted.size, group.blocks, columns,
+            [left[a:b] - left[a:b].mean() for a, b in group.blocks],
+            [float(np.ptp(predicted[a:b])) / period_um for a, b in group.blocks],
+        )  # fmt: skip
+
+    def off(self, shares: FloatArray | None) -> FloatArray:
+        """What is taken off (n,), with shares (k,) that all blocks have or each its own."""
+        out = np.zeros(self.size)
+        for (a, b), x, y, n in zip(self.blocks, self.columns, self.left, self.periods, strict=True):
+            if shares is not None:
+                out[a:b] = shares @ x
+            elif n >= LEAST_PERIODS:
+                out[a:b] = _shares([x], [y]) @ x
+        return out
+
+
+def _shares(columns: Sequence[FloatArray], left: Sequence[FloatArray]) -> FloatArray:
+    """Least squares of all blocks together, (k,)."""
+    x, y = np.concatenate(columns, axis=1), np.concatenate(left)
+    return np.asarray(np.linalg.lstsq(x @ x.T, x @ y, rcond=None)[0])
 
 
 def _taken_nm(groups: Groups, clean: Groups) -> float:
