@@ -152,7 +152,7 @@ class Search:
         """
         point = (self.fitted if fitted is None else fitted).point
         settle(self.space, point)
-        reduced = reduce(self.space.linear(point))
+        reduced = reduce(self.space.linear(point), every=True)
         ratio, chance = score_generic(Likelihood(reduced), self.rng, LEVEL)
         return ratio if chance < LEVEL else 0.0
 

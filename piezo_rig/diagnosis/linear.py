@@ -152,6 +152,8 @@ class Linear:
     law : shape (generic,), variance of each dictionary column that the freedom of the accepted
         causes' assumed laws gives it, um^2
     most : variances of fine thresholds and of the dictionary that are not exceeded
+    unknown : shape (generic,), 0 for columns of the dictionary that the model has a name for, else
+        1; None where it has none for any
     made_for : which columns of the space they are about
     rows : per piece the whitened and the unwhitened vectors
     model : which the residual is of
@@ -172,6 +174,7 @@ class Linear:
     made_for: Key = ()
     model: Model | None = None
     most: tuple[float, float] = (np.inf, np.inf)
+    unknown: FloatArray | None = None
     axes: dict[Key, Any] = field(default_factory=dict)
 
     def raw(self, pieces: Pieces = None) -> FloatArray:

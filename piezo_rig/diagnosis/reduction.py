@@ -173,7 +173,9 @@ class Axes:
         return replace(self.reduced, z=z if self.turn is None else self.turn.T @ z, extra=extra)
 
 
-def reduce(linear: Linear, pieces: Pieces = None, free: Sequence[int] = ()) -> Reduced:
+def reduce(
+    linear: Linear, pieces: Pieces = None, free: Sequence[int] = (), every: bool = False
+) -> Reduced:
     """Project off base and powers and reduce.
 
     Parameters
@@ -181,15 +183,19 @@ def reduce(linear: Linear, pieces: Pieces = None, free: Sequence[int] = ()) -> R
     pieces : which pieces' products to use; all by default
     free : base columns that are NOT projected off but handed on behind the trials, powers after
         all others
+    every : with columns of the dictionary, too, that the model has a name for
     """
-    key = (None if pieces is None else tuple(pieces), tuple(free))
+    unknown = None if every else linear.unknown
+    key = (None if pieces is None else tuple(pieces), tuple(free), unknown is None)
     if key not in linear.axes:
-        linear.axes[key] = _axes(linear, pieces, free)
+        linear.axes[key] = _axes(linear, pieces, free, unknown)
     axes: Axes = linear.axes[key]
     return axes.with_residual(summed(linear.residual, pieces))
 
 
-def _axes(linear: Linear, pieces: Pieces, free: Sequence[int]) -> Axes:
+def _axes(
+    linear: Linear, pieces: Pieces, free: Sequence[int], unknown: FloatArray | None
+) -> Axes:
     lay, frame = linear.layout, linear.frame
     b, p = frame.compliances, lay.base
     size = b + sum(frame.counts)
@@ -215,11 +221,16 @@ def _axes(linear: Linear, pieces: Pieces, free: Sequence[int]) -> Axes:
     coordinates, turn = np.concatenate([inside, outside]), None
     fine, generic = shared.fine, shared.generic
     covariance = shared.covariance(linear.law)
+    if unknown is not None:
+        law = _open(generic, linear.law)
+        generic = generic * unknown
+        covariance = Covariance(fine, generic, law)
     if off:
         unit = coordinates[:, : len(off)] / _unit_of(gram)[: len(off)]
         turn = _beside(unit)
+        law = turn[: len(generic)].T @ _open(shared.generic, linear.law)
         fine, generic = (turn[: len(x)].T @ x for x in (fine, generic))
-        covariance = Covariance(fine, generic, _open(generic, linear.law))
+        covariance = Covariance(fine, generic, law)
         coordinates = turn.T @ coordinates
     return Axes(shared, columns, followed, inside, takes, turn, Reduced(
         fine, generic, coordinates[:, len(off) :], np.zeros(0), 0.0, shared.unit_fine,

@@ -18,8 +18,8 @@ from piezo_rig.diagnosis.likelihood import Likelihood
 from piezo_rig.diagnosis.linear import Linear
 from piezo_rig.diagnosis.reduction import Reduced, covariance_of, reduce
 from piezo_rig.diagnosis.refit import Fitted, playable
-from piezo_rig.diagnosis.scores import score
-from piezo_rig.diagnosis.space import Space
+from piezo_rig.diagnosis.scores import Scored, score
+from piezo_rig.diagnosis.space import CLOCK, Space
 from piezo_rig.errors import InputError
 
 FloatArray = NDArray[np.float64]
@@ -262,10 +262,11 @@ def scan(
         result = Scan((), empty, empty, empty, empty, refused)
         return Found(result, kept, linear, likelihood, {}, {})
     scored = score(likelihood, hypotheses, owners, rng, LEVEL / len(kept))
+    p_value = _by_the_clock(space, linear, kept, where, scored, rng)
     result = Scan(
         tuple(c.id for c in kept),
         scored.ratio,
-        np.minimum(scored.p_value * len(kept), 1.0),
+        np.minimum(p_value * len(kept), 1.0),
         scored.ratio - 2.0 * scored.null_median,
         scored.null_median,
         refused,
@@ -276,6 +277,28 @@ def scan(
     }
     every = {c.id: list(zip(where[c.id], c.variants, strict=True)) for c in kept}
     return Found(result, kept, linear, likelihood, chosen, every)
+
+
+def _by_the_clock(
+    space: Space, linear: Linear, kept: Sequence[Candidate], where: dict[str, list[list[int]]],
+    scored: Scored, rng: np.random.Generator,
+) -> FloatArray:
+    """Chances (c,), of what is locked to the clock by what a base that goes by the drive may be
+    wrong by: nothing else is a rival of it, and as long as much is amiss that has one scale with
+    the dictionary's own trends, any of which does as well.
+    """
+    p_value = scored.p_value.copy()
+    mine = [i for i, c in enumerate(kept) if CAUSES[c.id].locked_to == CLOCK]
+    mine = [i for i in mine if p_value[i] * len(kept) > LATER]
+    if not mine or linear.unknown is not None:
+        return p_value
+    driven = Likelihood(reduce(replace(linear, unknown=space.driven, axes={})))
+    if driven.summit()[1] == 0:
+        return p_value
+    forms = [h for i in mine for h in where[kept[i].id]]
+    owners = [n for n, i in enumerate(mine) for _ in where[kept[i].id]]
+    p_value[mine] = score(driven, forms, owners, rng, LEVEL / len(kept)).p_value
+    return p_value
 
 
 def _pairs(found: Sequence[Candidate], model: Model) -> list[tuple[Model, Model]]:

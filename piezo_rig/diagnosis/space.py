@@ -22,6 +22,7 @@ from piezo_rig.diagnosis.linear import Frame, Key, Layout, Linear, Rows
 from piezo_rig.diagnosis.together import Together
 
 FloatArray = NDArray[np.float64]
+CLOCK = "clock"  # what a stage is locked to, and a column of the dictionary goes by
 
 
 class _Row(NamedTuple):
@@ -105,7 +106,13 @@ class Space(Columns):
             np.array([r.weight for r in found]), self._law, tuple(r.rows for r in found),
             self.made_for, point.model,
             held.most(self.pieces, self.fixed, self.counts, self.own_um),
+            self.driven if _knows_a_trend(point) else None,
         )  # fmt: skip
+
+    @property
+    def driven(self) -> FloatArray:
+        """Shape (generic,), 0 for columns of the dictionary that go by the clock, else 1."""
+        return np.array([float(tag != CLOCK) for tag in self.tags])
 
     @property
     def _law(self) -> FloatArray:
@@ -259,3 +266,9 @@ class Space(Columns):
         if self._tangent_of is None or self._tangent_of[0] is not point:
             self._tangent_of = point, point.tangent(self.together, point.others)
         return self._tangent_of[1]
+
+
+def _knows_a_trend(point: Point) -> bool:
+    """Whether a stage that goes by the clock is fitted: what does so has a name."""
+    fitted = {id for id, _ in point.names}
+    return any(s.id in fitted and s.locked_to == CLOCK for s in point.model.stages)

@@ -68,7 +68,7 @@ def unexplained(
         like; what fine thresholds take in is no longer looked at otherwise
     """
     linear = space.linear(fitted.point)
-    reduced = reduce(linear)
+    reduced = reduce(linear, every=True)
     likelihood = Likelihood(reduced)
     _, p = score_generic(likelihood, rng, LEVEL)
     scales = likelihood.best_scales()
