@@ -61,8 +61,13 @@ class SlewLimit(Cause):
         return [[cls.of(None, limit=share * fastest)] for share in SHARES]
 
     def plausible(self, context: Context) -> bool:
-        """Where one speed is played, a limit just below it is a delay or a lag by another name."""
-        return context.several_speeds or self["limit"] < BELOW * context.fastest_v_per_s
+        """Where one speed is played, a limit just below it is a delay or a lag by another name; but
+        for a first rise from rest, at whose beginning the drive is not late yet.
+        """
+        return (
+            context.several_speeds or context.first_rises
+            or self["limit"] < BELOW * context.fastest_v_per_s
+        )  # fmt: skip
 
     @classmethod
     def finer(cls, trials: Sequence[Stage]) -> list[list[Stage]]:

@@ -103,11 +103,12 @@ def baseline_warnings(groups: Groups, fitted: Fitted) -> list[str]:
             left += float(dy @ dy)
     ratio = scale / max(power, 1e-300)
     shape = 1.0 - scale**2 / max(power * left, 1e-300)
+    # a higher position is more um per volt: what was read at too low a one is too small
     for factor, words in (
-        (SWITCH, "the sensitivity switch stood one position lower than was said"),
         (1.0 / SWITCH, "the sensitivity switch stood one position higher than was said"),
+        (SWITCH, "the sensitivity switch stood one position lower than was said"),
     ):
-        if abs(ratio * factor / 1.0 - 1.0) < 0.2 and shape < 0.1:
+        if abs(ratio / factor - 1.0) < 0.2 and shape < 0.1:
             raise InputError(
                 "sensitivity-factor",
                 f"the displacement is {ratio:.3g} times what the baseline model predicts",

@@ -38,3 +38,28 @@ def test_it_is_begun_at_its_whole_size():
     fitted = refitted(space, here, found, i)
     below = FASTEST - fitted.point.model.stage("slew-limit")["limit"]
     assert below == pytest.approx((1.0 - share) * FASTEST, rel=0.15)
+
+
+ONE_SPEED = (("0-70", 0.0, 70.0, 2.0),)  # one sweep from rest
+
+
+def late(drive):
+    t = np.arange(drive.size) / RATE
+    return np.interp(t - 0.0013, t, drive)
+
+
+@pytest.mark.parametrize(("plant", "expected"), [
+    (lambda v: limited(v, 0.99 * 280.0), "slew-limit"), (late, "time-skew"),
+])  # fmt: skip
+def test_a_first_rise_tells_a_limit_from_a_delay_at_one_speed(plant, expected):
+    """Later cycles are late by as much either way; the first rise begins on time by a limit."""
+    space, plain = begun(recordings(conditions=ONE_SPEED, before=plant, repeats=1))
+    here = refit(space, plain)
+    settle(space, here.point)
+    found = scan(space, here, np.random.default_rng(0))
+    gained = {}
+    for id in ("slew-limit", "time-skew"):
+        fitted = refitted(space, here, found, found.result.ids.index(id))
+        gained[id] = -np.inf if fitted is None else fitted.evidence - here.evidence
+    assert max(gained, key=lambda id: gained[id]) == expected
+    assert gained[expected] > 50.0
