@@ -12,6 +12,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 
 from piezo_rig.causes import CAUSES
 from piezo_rig.causes.cause import Cause
@@ -31,6 +32,7 @@ from piezo_rig.diagnosis.early import (
     hum_behind,
     read_monitor,
 )
+from piezo_rig.diagnosis.early.mended import DROP, JUMP
 from piezo_rig.diagnosis.early.recounted import BESIDE_ALL, PLAINLY, square_of
 from piezo_rig.diagnosis.engine import plainly
 from piezo_rig.diagnosis.fit import Point
@@ -42,8 +44,11 @@ from piezo_rig.diagnosis.scale import at_one_phase, read_anew
 from piezo_rig.diagnosis.scan import LEVEL
 from piezo_rig.run_file.sweep import Sweep
 
+FloatArray = NDArray[np.float64]
 SHARE = 0.2  # of the false alarms that a search of the raw recordings may take
 READ_ANEW = 2  # times
+FAR_OFF = 3.0  # times the noise
+DIFFER = 0.6745 * np.sqrt(2.0)  # of the noise, by which half of all samples differ from the next
 
 
 class TurnsBetween(Exception):
@@ -190,16 +195,19 @@ class InTurns:
             raise TurnsBetween(self.search.turned)
 
     def _other_losses(self) -> bool:
-        """Whether other samples are lost than those that the baseline had shown."""
+        """Whether other samples are lost than those that the baseline had shown, or jumps are there
+        that it hid.
+        """
         alone = self.alone
-        if not self.search.ladder.steps or not alone:
+        steps = [*self.search.monitored, *self.search.ladder.steps]
+        if not steps or not alone:
             return False
         model = base = self.search.ladder.last.point
         left = square_of(self.clean, model, alone)
-        for step in self.search.ladder.steps:
+        for step in steps:
             base = base.without(step.cause)
         known = credited(self.early)
-        if any(s.cause == ClockRatio.id for s in self.search.ladder.steps):
+        if any(s.cause == ClockRatio.id for s in steps):
             self.tell("lost samples behind what looks like a clock")
             behind, base = self._cleaned(base, left)
             others = credited(behind) > known
@@ -208,6 +216,13 @@ class InTurns:
             behind, there = self._cleaned(model, enough=BESIDE_ALL)
             mended = behind[-1].groups if behind else self.raw
             others = credited(behind)[0] != known[0] and (
+                square_of(mended, plainly(mended, there).point, alone) < BESIDE_ALL * left
+            )
+        elif _far_off(self.clean, model, alone):
+            self.tell("jumps and lost samples beside a better model")
+            behind, there = self._cleaned(model)
+            mended = behind[-1].groups if behind else self.raw
+            others = _breaks(behind) > _breaks(self.early) and (
                 square_of(mended, plainly(mended, there).point, alone) < BESIDE_ALL * left
             )
         else:
@@ -258,3 +273,21 @@ class InTurns:
             self.tell("where recordings stand on the interferometer's scale")
             self.clean = anew
             self._climb()
+
+
+def _breaks(found: Sequence[Early]) -> int:
+    """How many jumps and losses there are."""
+    return sum(len(early.events) for early in found if early.cause in (JUMP, DROP))
+
+
+def _far_off(groups: Groups, point: Point, members: set[int]) -> bool:
+    """Whether far more is left of some groups than what their samples differ by from one to the
+    next.
+    """
+    samples, differences = 0, list[FloatArray]()
+    for g in (groups.groups[k] for k in members):
+        left = g.measured_um - g.predicted(point.model)
+        differences += [np.abs(np.diff(left[:, a:b])).ravel() for a, b in g.blocks]
+        samples += sum(g.repeats * (b - a) for a, b in g.blocks)
+    noise = float(np.median(np.concatenate(differences))) / DIFFER
+    return square_of(groups, point, members) > samples * (FAR_OFF * noise) ** 2
