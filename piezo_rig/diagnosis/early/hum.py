@@ -97,10 +97,16 @@ class Row:
 
     def is_first_line(self, f: FloatArray | float) -> NDArray[np.bool_]:
         """Whether one of the first lines of the drive is there; nothing beside is as large."""
+        return np.asarray(self.near_first_line(f) & (self.share == 1.0))
+
+    def near_first_line(self, f: FloatArray | float) -> NDArray[np.bool_]:
+        """Where those are, also if repeats have been taken off: what they differ by because of the
+        drive (ageing, memory) is there.
+        """
         cell, f = 1.0 / float(self.time_s[-1] - self.time_s[0]), np.asarray(f)
         first = np.zeros(f.shape, bool)
         for comb in self.always_hz:
-            if self.share == 1.0 and comb > 2.0 * cell:
+            if comb > 2.0 * cell:
                 order = np.rint(f / comb)
                 first |= (order >= 1) & (order <= FIRST) & (abs(f - order * comb) < WIDE * cell)
         return first

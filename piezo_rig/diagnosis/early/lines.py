@@ -75,8 +75,8 @@ def spectrum_of(rows: Sequence[Row], high: float) -> Spectrum | None:
     power, heard = np.zeros(f.size), np.zeros(f.size)
     for row in rows:
         cell = 1.0 / float(row.time_s[-1] - row.time_s[0])
-        # a short recording says nothing of slow lines
-        told = f >= np.where(slow, SLOWEST, CELLS) * cell
+        # a short recording says nothing of slow lines, and none of what its own drive does
+        told = (f >= np.where(slow, SLOWEST, CELLS) * cell) & ~row.near_first_line(f)
         level = _background(row, f[told], cell)
         # each recording's own p-value (Fisher): power over background is F(2, 2 INDEPENDENT)
         own = row.power(f[told])

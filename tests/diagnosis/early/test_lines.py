@@ -8,7 +8,8 @@ import pytest
 from piezo_rig.causes import named_model
 from piezo_rig.chain import Parameter
 from piezo_rig.diagnosis.early import Early, find_line, hum_again
-from piezo_rig.diagnosis.early.hum import find_hum
+from piezo_rig.diagnosis.early.hum import Row, find_hum
+from piezo_rig.diagnosis.early.lines import spectrum_of
 from piezo_rig.diagnosis.engine import plain_space
 from piezo_rig.diagnosis.fit import Point, starting_model
 from piezo_rig.diagnosis.grouping import group_tracks
@@ -109,3 +110,16 @@ def test_a_table_that_swings_hides_no_fan():
     line = slow_line(sensor)
     assert line.frequency == pytest.approx(97.3, abs=0.35)
     assert line.p_value < 1e-9
+
+
+@pytest.mark.parametrize(("own_hz", "heard"), [(10.0, False), (4.0, True)])
+def test_what_repeats_differ_by_at_the_speed_of_their_drive_is_no_line(own_hz, heard):
+    """Of eight recordings of 3 s one has a line of 10 Hz, where its own drive is or another's."""
+    rng, t = np.random.default_rng(4), np.arange(15000) / 5000.0
+    rows = [Row(t, rng.standard_normal(t.size), 0.5, (2.0,), (2.0,)) for _ in range(7)]
+    line = rng.standard_normal(t.size) + 2.0 * np.sin(2.0 * np.pi * 10.0 * t)
+    rows.append(Row(t, line, 0.5, (own_hz,), (own_hz,)))
+    found = spectrum_of(rows, 1000.0)
+    near = np.abs(found.f - 10.0) < 0.5
+    chance = found.chance[near].min() * found.f.size
+    assert (chance < 1e-6) == heard
