@@ -297,7 +297,7 @@ def _by_the_clock(
         return p_value
     forms = [h for i in mine for h in where[kept[i].id]]
     owners = [n for n, i in enumerate(mine) for _ in where[kept[i].id]]
-    p_value[mine] = score(driven, forms, owners, rng, LEVEL / len(kept)).p_value
+    p_value[mine] = score(driven, forms, owners, rng.spawn(1)[0], LEVEL / len(kept)).p_value
     return p_value
 
 

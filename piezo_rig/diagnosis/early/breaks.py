@@ -48,6 +48,9 @@ FEWER = 4  # counts that are tried
 PLAIN = 8  # losses of one drive that may be plain to see
 LESS, SAME = 0.3, 1.05  # what they may leave of what others do; the same, where they are fewer
 LIKELIEST = 4  # peaks of a group that are looked at closely
+BY_ALL = 300.0  # log-likelihood of a loss that the place itself need not show
+ABOUT_S, EVERY = 0.12, 8  # to either side of a peak; samples between instants that are tried
+SPREAD = 60  # samples between which a loss may be
 EDGE, STEEP = 8, 0.05  # samples to either side of a jump; of the drive's span, in an edge of it
 
 
@@ -117,7 +120,8 @@ def find_breaks(
         if not _borne_out(groups, predicted, found, breaks, sweeps, losses[known]):
             breaks = [b for b in breaks if b not in losses[known:]]
     breaks = _cancelled(breaks)
-    for several in [b for b in breaks if b.cause == DROP and 1 < b.count <= FEWER]:
+    plain = [b for b in breaks if b.high - b.low < SPREAD]  # elsewhere two are as good as one
+    for several in [b for b in plain if b.cause == DROP and 1 < b.count <= FEWER]:
         breaks = _split(groups, predicted, found, breaks, sweeps, several)
     for g in sorted({s.group for s in found}):
         breaks = _plain(groups, predicted, found, breaks, sweeps, g, level)
@@ -364,6 +368,8 @@ def _exactly(search: Search, peak: Peak, mixed: bool) -> tuple[float, Break | No
         found = placed(own, path, peak.cause, at, count, stretch, group.repeats < 2)
         if found is None and peak.cause == DROP and group.repeats > 1:
             found = at_rest(model, at, stretch)
+        if found is None and peak.cause == DROP and group.repeats < 2 and peak.gained > BY_ALL:
+            found = _by_all_that_follows(search, stretch, white, peak, at, count)
         if found is None:
             return None
         near, at = found, found[0]
@@ -396,6 +402,33 @@ def _exactly(search: Search, peak: Peak, mixed: bool) -> tuple[float, Break | No
     return gained, Break(
         peak.cause, stretch.group, row, index, sign * count, low, high, end, p
     )  # fmt: skip
+
+
+def _by_all_that_follows(
+    search: Search, stretch: Stretch, white: Whitened, peak: Peak, at: int, count: int
+) -> tuple[int, int, int, float] | None:  # fmt: skip
+    """As `placed`, of a loss where the drive stands still for a moment: it begins as a kink does,
+    and only what comes later says that it is none.
+    """
+    path = way(_path(search, peak, count)[stretch.begin : stretch.end], count)
+    whole = white.near(at, np.inf)
+    seen = whole(search.own(stretch, peak.row))
+    wide = round(ABOUT_S * search.groups.rate)
+    begin = max(at - wide, stretch.begin + 1)
+    tried = np.arange(begin, min(at + wide, stretch.end), EVERY)
+    samples, worth = np.arange(stretch.begin, stretch.end), np.zeros(tried.size)
+    for k, instant in enumerate(tried):
+        template = whole(stretch.thinned((samples >= instant) * path))
+        worth[k] = template @ seen - 0.5 * template @ template
+    best = int(np.argmax(worth))
+    along = (samples - samples[0]) / samples.size
+    always = np.array([whole(stretch.thinned(x)) for x in (path, along * path)])
+    clock = always @ seen  # a delay, and one that grows
+    rival = 0.5 * float(clock @ np.linalg.pinv(always @ always.T, hermitian=True) @ clock)
+    if not 0 < best < tried.size - 1 or worth[best] < max(BY_ALL, rival + CLEAR):
+        return None
+    good = tried[worth > worth[best] - CLEAR]
+    return int(tried[best]), int(good[0]), int(good[-1]), float(worth[best])
 
 
 def _path(search: Search, peak: Peak, count: int) -> FloatArray:

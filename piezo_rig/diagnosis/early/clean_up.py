@@ -14,7 +14,7 @@ import numpy as np
 
 from piezo_rig.chain import Model, Parameter
 from piezo_rig.diagnosis.chances import AS_HELD
-from piezo_rig.diagnosis.early.breaks import Breaks, find_breaks
+from piezo_rig.diagnosis.early.breaks import SPREAD, Breaks, find_breaks
 from piezo_rig.diagnosis.early.hum import Hum, find_hum, hum_of_residual, means_of, removed
 from piezo_rig.diagnosis.early.mended import DROP, JUMP, Break, mended
 from piezo_rig.diagnosis.early.recounted import PLAINLY, outright, recounted, square_of
@@ -30,6 +30,7 @@ HUM, OUTLIERS = "mains-hum", "outliers"
 TRIED = (OUTLIERS, JUMP, DROP, HUM)
 BETTER = 0.999  # squared error of the baseline after mending, of that before
 ANOTHER = 5.0  # standard deviations between the frequencies of two lines
+AGAIN = 3  # times that losses which show nowhere at once are placed anew
 JOINTLY = 6  # turns of fitting base and hum
 LEADS = 0.05  # of what is left, that such a line must be
 
@@ -69,6 +70,32 @@ def _believed(
     return Breaks(tuple(b for b in breaks if b not in alone))
 
 
+def _placed_again(
+    groups: Groups, point: Point, breaks: Breaks, refitted: Callable[[Groups, Point], Point],
+    search: Callable[[Model], Breaks],
+) -> Breaks:  # fmt: skip
+    """Breaks as they show beside a base that has been fitted without them, if that leaves less.
+
+    The base had followed as much of them as it could, and so moved the place of those that show
+    nowhere at once.
+    """
+    members = {b.group for b in breaks.breaks}
+
+    def left(found: Breaks, near: Point) -> tuple[float, Point]:
+        whole = mended(groups, [g.predicted(near.model) for g in groups.groups], found.breaks)
+        there = refitted(whole, near)
+        return square_of(whole, there, members), there
+
+    least, there = left(breaks, point)
+    for _ in range(AGAIN):
+        again = search(there.model)
+        worth, near = left(again, there)
+        if not worth < least:
+            break
+        breaks, least, there = again, worth, near
+    return breaks
+
+
 def clean_up(
     raw: Groups, sweeps: Sequence[Sweep], point: Point,
     refitted: Callable[[Groups, Point], Point], level: float, count: int,
@@ -103,6 +130,10 @@ def clean_up(
         if not known and behind is not None:
             known = outright(clean, point, sweeps, refitted, behind)
         breaks = _believed(clean, point, known, refitted)
+        if any(b.high - b.low >= SPREAD for b in breaks.breaks):
+            breaks = _placed_again(clean, point, breaks, refitted, lambda model: find_breaks(
+                clean, model, sweeps, level / count, line
+            ))  # fmt: skip
     if breaks.breaks:
         before = clean
         predicted = [g.predicted(point.model) for g in clean.groups]

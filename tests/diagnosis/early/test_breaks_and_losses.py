@@ -12,16 +12,21 @@ import pytest
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from small_bench import actuator, noise, recordings
 
+from piezo_rig.causes import named_model
 from piezo_rig.chain import Elements, Maxwell, Model
 from piezo_rig.diagnosis import diagnose
 from piezo_rig.diagnosis.early.breaks import _at_once, find_breaks
+from piezo_rig.diagnosis.early.clean_up import clean_up
 from piezo_rig.diagnosis.early.mended import Break, mended
 from piezo_rig.diagnosis.early.peaks import Search
 from piezo_rig.diagnosis.early.reported import events_of, reported
+from piezo_rig.diagnosis.engine import plainly
+from piezo_rig.diagnosis.fit import Point, starting_model
 from piezo_rig.diagnosis.grouping import group_tracks
 from piezo_rig.identification import prepare
 from piezo_rig.run_file import Sweep
 from piezo_rig.studies.hidden import draw
+from tests.diagnosis.sliders import play
 
 LEVEL = 1e-4
 # a plain loop: 0.09 um/V that grows to 0.15, about as the small bench's actuator
@@ -273,3 +278,41 @@ def test_jumps_that_undo_each_other_at_one_sample_are_none():
 def test_what_gains_nothing_is_chance():
     # rounding has made it less than nothing
     assert Search(None, [], [], [], [], [], 100).chance(-1e-9) == 1.0
+
+
+def sines_with_a_loss(seed=4):
+    """Three sums of sines, each played once; of the second four samples are lost as it turns."""
+    rng, t, out = np.random.default_rng(seed), np.arange(30000) / 5000.0, []
+    for n in range(3):
+        phases = rng.uniform(0.0, 2.0 * np.pi, 3)
+        parts = zip((20.0, 10.0, 6.0), (0.9, 1.7, 2.6), phases, strict=True)
+        drive = sum(a * np.cos(2.0 * np.pi * f * t + p) for a, f, p in parts)
+        drive = np.minimum(1.0, t / 0.3) * (35.0 + (drive - drive[0]) * np.minimum(1.0, t / 0.5))
+        x = play(drive, np.linspace(0.5, 30.0, 30), 0.03) + 2e-3 * rng.standard_normal(t.size)
+        sweep = Sweep(
+            f"sweep_{n + 1:04d}", drive, x, 5000.0, 1.0, 0.0, 1.0, 1, 0.0, f"sines {n}", 1,
+            "virgin", 60.0 * n, "SIMULATED",
+        )  # fmt: skip
+        out.append(sweep)
+    speed = np.gradient(out[1].command_v)
+    turn = np.flatnonzero(speed[12000:-1] * speed[12001:] <= 0.0)[0] + 12000
+    out[1] = with_loss(out[1], turn, 4)
+    return out, turn
+
+
+def cleaned(sweeps):
+    groups = group_tracks(prepare(sweeps, first_rises=True), sweeps)
+    start = Point(starting_model(groups, named_model("classical"), "classical"))
+    point = plainly(groups, start).point
+    return clean_up(groups, sweeps, point, lambda g, p: plainly(g, p).point, LEVEL, 25)[0]
+
+
+def test_samples_lost_where_the_drive_stands_still_show_by_all_that_follows():
+    """There they begin as a kink does, which any base may have."""
+    sweeps, lost_at = sines_with_a_loss()
+    (found,) = cleaned(sweeps)
+    assert found.cause == "dropped-samples"
+    ((event,), parameters) = found.events, found.parameters
+    assert event.size == 4.0
+    assert parameters
+    assert abs(event.index - lost_at) < 0.06 * 5000.0
