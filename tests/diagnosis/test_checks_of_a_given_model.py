@@ -10,8 +10,9 @@ import pytest
 from piezo_rig.causes import CAUSES
 from piezo_rig.chain import Elements, Maxwell, Model, Parameter
 from piezo_rig.chain.half_loops import half_loops
-from piezo_rig.diagnosis.checks import beyond_its_drives
+from piezo_rig.diagnosis.checks import baseline_warnings, beyond_its_drives
 from piezo_rig.diagnosis.claimed import _only_believed
+from piezo_rig.errors import InputError
 
 REACH_V = 37.5  # thresholds up to half a swing of 75 V
 MODEL = Model((Maxwell.of(Elements.from_curve(np.linspace(2.5, REACH_V, 15), np.full(15, 0.13))),))
@@ -57,3 +58,20 @@ def test_a_share_of_creep_that_the_data_say_nothing_of_is_not_shown(half, expect
     share = Parameter(1.0, "1", (1.0 - half, 1.0 + half))
     assert _only_believed(creep, "share_10s", share) == expected
     assert not _only_believed(creep, "rate_per_decade", share)
+
+
+@pytest.mark.parametrize(("stood", "said_to_stand", "where"), [
+    (2, 3, "one position lower than was said"), (3, 2, "one position higher than was said"),
+])  # fmt: skip
+def test_a_switch_that_was_said_to_stand_elsewhere_is_put_right(stood, said_to_stand, where):
+    """Of the printed table: 3.87 and 15.48 um/V."""
+    um_per_v = {2: 3.87, 3: 15.48}
+    moved = np.linspace(0.0, 8.0, 300)
+    read = moved / um_per_v[stood] * um_per_v[said_to_stand]
+    data = SimpleNamespace(
+        measured_um=read[None], blocks=((0, 300),), predicted=lambda model: moved,
+    )  # fmt: skip
+    point = SimpleNamespace(model=MODEL, fixed=("maxwell",))
+    with pytest.raises(InputError, match="times what the baseline model predicts") as error:
+        baseline_warnings(SimpleNamespace(groups=[data]), SimpleNamespace(point=point))
+    assert where in error.value.cause
