@@ -221,15 +221,14 @@ def _axes(
     coordinates, turn = np.concatenate([inside, outside]), None
     fine, generic = shared.fine, shared.generic
     covariance = shared.covariance(linear.law)
+    law = _open(generic, linear.law)
     if unknown is not None:
-        law = _open(generic, linear.law)
         generic = generic * unknown
         covariance = Covariance(fine, generic, law)
     if off:
         unit = coordinates[:, : len(off)] / _unit_of(gram)[: len(off)]
         turn = _beside(unit)
-        law = turn[: len(generic)].T @ _open(shared.generic, linear.law)
-        fine, generic = (turn[: len(x)].T @ x for x in (fine, generic))
+        fine, generic, law = (turn[: len(x)].T @ x for x in (fine, generic, law))
         covariance = Covariance(fine, generic, law)
         coordinates = turn.T @ coordinates
     return Axes(shared, columns, followed, inside, takes, turn, Reduced(

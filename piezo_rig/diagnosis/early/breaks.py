@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from piezo_rig.chain import Model
+from piezo_rig.diagnosis.early.followed import BY_ALL, MANY, by_all_that_follows, path_of
 from piezo_rig.diagnosis.early.guesses import CLEAR, guess_of, losses_of_pairs
 from piezo_rig.diagnosis.early.mended import DROP, JUMP, STEP_UM, Break, lead, mended
 from piezo_rig.diagnosis.early.peaks import Peak, Search, find_peaks
@@ -40,7 +41,7 @@ OFF = 4.0  # standard errors that a size may be off a whole number
 SLACK = 0.1  # of a step or sample, for what the model does not know
 LONG, WIDE = 0.03, 0.2  # shares by which the way may be wrong, and a first count
 AGAIN = 2  # times that place and count are looked for in turn
-MANY, LEAST = 10, 40  # samples that are lost; that must be left to count them
+LEAST = 40  # samples that must be left to count lost ones
 ENOUGH = 12  # samples to either side, that say how large a jump is
 BESIDE = 4  # samples: so near to each other losses of two recordings are none
 NEAR_S = 0.3, 0.03
@@ -48,8 +49,6 @@ FEWER = 4  # counts that are tried
 PLAIN = 8  # losses of one drive that may be plain to see
 LESS, SAME = 0.3, 1.05  # what they may leave of what others do; the same, where they are fewer
 LIKELIEST = 4  # peaks of a group that are looked at closely
-BY_ALL = 300.0  # log-likelihood of a loss that the place itself need not show
-ABOUT_S, EVERY = 0.12, 8  # to either side of a peak; samples between instants that are tried
 SPREAD = 60  # samples between which a loss may be
 EDGE, STEEP = 8, 0.05  # samples to either side of a jump; of the drive's span, in an edge of it
 
@@ -364,12 +363,12 @@ def _exactly(search: Search, peak: Peak, mixed: bool) -> tuple[float, Break | No
             row, sign = 1 - peak.row, -1
     at, gained, near = peak.at, 0.0, (0, 0, 0, 0.0)
     for _ in range(AGAIN):
-        path = _path(search, peak, count)
+        path = path_of(search, peak, count)
         found = placed(own, path, peak.cause, at, count, stretch, group.repeats < 2)
         if found is None and peak.cause == DROP and group.repeats > 1:
             found = at_rest(model, at, stretch)
         if found is None and peak.cause == DROP and group.repeats < 2 and peak.gained > BY_ALL:
-            found = _by_all_that_follows(search, stretch, white, peak, at, count)
+            found = by_all_that_follows(search, stretch, white, peak, at, count)
         if found is None:
             return None
         near, at = found, found[0]
@@ -404,48 +403,6 @@ def _exactly(search: Search, peak: Peak, mixed: bool) -> tuple[float, Break | No
     )  # fmt: skip
 
 
-def _by_all_that_follows(
-    search: Search, stretch: Stretch, white: Whitened, peak: Peak, at: int, count: int
-) -> tuple[int, int, int, float] | None:  # fmt: skip
-    """As `placed`, of a loss where the drive stands still for a moment: it begins as a kink does,
-    and only what comes later says that it is none.
-    """
-    path = way(_path(search, peak, count)[stretch.begin : stretch.end], count)
-    whole = white.near(at, np.inf)
-    seen = whole(search.own(stretch, peak.row))
-    wide = round(ABOUT_S * search.groups.rate)
-    begin = max(at - wide, stretch.begin + 1)
-    tried = np.arange(begin, min(at + wide, stretch.end), EVERY)
-    samples, worth = np.arange(stretch.begin, stretch.end), np.zeros(tried.size)
-    for k, instant in enumerate(tried):
-        template = whole(stretch.thinned((samples >= instant) * path))
-        worth[k] = template @ seen - 0.5 * template @ template
-    best = int(np.argmax(worth))
-    along = (samples - samples[0]) / samples.size
-    always = np.array([whole(stretch.thinned(x)) for x in (path, along * path)])
-    clock = always @ seen  # a delay, and one that grows
-    rival = 0.5 * float(clock @ np.linalg.pinv(always @ always.T, hermitian=True) @ clock)
-    if not 0 < best < tried.size - 1 or worth[best] < max(BY_ALL, rival + CLEAR):
-        return None
-    good = tried[worth > worth[best] - CLEAR]
-    return int(tried[best]), int(good[0]), int(good[-1]), float(worth[best])
-
-
-def _path(search: Search, peak: Peak, count: int) -> FloatArray:
-    """The way that was played, shape (n,): of many samples the other recordings know it better
-    than the model, but for their noise.
-    """
-    stretch = search.stretches[peak.stretch]
-    group, model = search.groups.groups[stretch.group], search.predicted[stretch.group]
-    if group.repeats < 2:
-        return model
-    others = np.delete(group.measured_um, peak.row, axis=0).mean(axis=0)
-    if abs(count) > MANY and peak.cause == DROP:
-        return np.asarray(others)
-    cut = slice(stretch.begin, stretch.end)
-    return np.asarray(np.polyfit(model[cut], others[cut], 1)[0] * model)
-
-
 def _counted(
     search: Search, stretch: Stretch, white: Whitened, peak: Peak, at: int, count: int,
     within_s: float = np.inf,
@@ -454,7 +411,7 @@ def _counted(
 
     By all that follows, or by what lies no further than ``within_s`` away.
     """
-    path = _path(search, peak, count)[stretch.begin : stretch.end]
+    path = path_of(search, peak, count)[stretch.begin : stretch.end]
     after = np.arange(path.size) >= at - stretch.begin
     wide = 2 + int(WIDE * abs(count))
     within = within_s * search.groups.rate
