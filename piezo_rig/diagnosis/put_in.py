@@ -13,6 +13,7 @@ from piezo_rig.chain import Stage
 from piezo_rig.chain.bend import Bend
 from piezo_rig.diagnosis.abreast import abreast
 from piezo_rig.diagnosis.context import context_of
+from piezo_rig.diagnosis.engine import plain_space
 from piezo_rig.diagnosis.fit import Point
 from piezo_rig.diagnosis.forms import (
     as_late,
@@ -141,6 +142,8 @@ def _nearest(space: Space, here: Fitted, points: Sequence[Point], id: str) -> Po
     if not points:
         return None
     left = np.full(len(points), np.inf)
+    if all(name == id for name, _, _ in points[0].sizes):  # nothing but compliances is to be fitted
+        space = plain_space(space.groups, points[0].model, bare=True)
     for _ in range(TWICE):  # some of all, then those about the best of them
         looked = range(0, len(points), EVERY)
         if np.isfinite(left).any():
