@@ -24,6 +24,7 @@ FloatArray = NDArray[np.float64]
 GRID = np.concatenate([[0.0], 7.0 ** np.arange(-1.0, 6.0)])  # of variance, in units below
 Cell = tuple[int, int]  # of the grid of both scales
 STARTS = (0, 4)  # scales of the fine thresholds that a climb looks at first
+NONE = np.zeros(0, np.int64)
 SAME = 1e-4  # of the largest singular value: columns that only repeat others
 
 
@@ -102,6 +103,15 @@ class Likelihood:
         """Log of the likelihood of all data with some trial columns free, scales profiled."""
         i, j = self.summit(columns)
         return self.values(i, columns)[j] - 0.5 * self.reduced.extra
+
+    def evidence_less_each(self) -> list[float]:
+        """Log of the likelihood of the data less a trial, as it is, for each of the trials."""
+        left = self.reduced.z[:, None] - self.reduced.trials
+        best = np.full(left.shape[1], -np.inf)
+        for i in range(GRID.size):
+            for seen in self.seen(i, left, NONE):
+                best = np.maximum(best, seen.plain)
+        return [float(value) for value in best - 0.5 * self.reduced.extra]
 
     def plain(self, columns: Sequence[int] = ()) -> float:
         """The same of least squares, as if nothing but noise would be left."""

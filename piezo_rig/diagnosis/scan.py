@@ -401,10 +401,7 @@ def _likeliest(
     likelihood = Likelihood(reduce(space.linear(fitted.point, pairs)))
     sets = [list(range(k * n, (k + 1) * n)) for k in range(len(forms))]
     if whole:
-        reduced = likelihood.reduced
-        worth = [
-            Likelihood(replace(reduced, z=reduced.z - t)).evidence() for t in reduced.trials.T
-        ]
+        worth = likelihood.evidence_less_each()
     else:
         worth = [likelihood.evidence(columns) for columns in sets]
     best = int(np.argmax(worth))

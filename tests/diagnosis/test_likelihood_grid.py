@@ -61,6 +61,14 @@ def test_the_climb_finds_the_largest_likelihood_of_the_whole_grid(seed, fine, ge
     assert likelihood.best_scales(free) == pytest.approx((GRID[i] * units[0], GRID[j] * units[1]))
 
 
+def test_a_trial_as_it_is_is_taken_off_the_data_and_the_scales_are_profiled_anew():
+    linear, columns, z = problem(3, 0.1, 0.02)
+    likelihood = Likelihood(reduce(linear))
+    less = [direct(likelihood, columns, z - t, []).max() for t in columns[SHARED + OWN :]]
+    assert np.argmax(less) == TRIALS - 1  # the one that was put in
+    assert likelihood.evidence_less_each() == pytest.approx(less, rel=1e-9)
+
+
 @pytest.mark.parametrize("free", [[], [3], [1], [1, 3]])
 def test_what_is_handed_on_is_not_projected_off_and_the_rest_is(free):
     """Base columns by number, bands before others; distances as in the space of the samples."""
