@@ -72,10 +72,10 @@ def test_repeats_are_compared_without_a_drift_that_settles(seed):
 def test_noise_alone_is_left_as_it_is():
     """But for one session in fifty, whose slopes happen to settle."""
     same = 0
-    for seed in range(40):
+    for seed in range(20):
         groups, settled = compared(session(100 + seed, 0.0))
         same += settled is groups
-    assert same >= 38
+    assert same >= 19
 
 
 def test_a_drive_that_stands_still_says_what_it_can():
