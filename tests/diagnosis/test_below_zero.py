@@ -54,6 +54,7 @@ def test_in_one_sweep_a_limit_at_one_end_is_not_the_difference_of_two(low, high,
     assert [limits["lower"].value, limits["upper"].value] == pytest.approx(ends, abs=0.02)
 
 
+@pytest.mark.study
 def test_a_sensor_that_ends_below_its_zero_is_told_with_its_level():
     def ends(x, t, rng):
         return np.maximum(x, x[0] - 5.0)

@@ -157,6 +157,7 @@ def test_small_effects_are_named_first_and_alone(cause, seed, protocol, noise, p
         assert holds(found.findings[0].parameters[parameter], true)
 
 
+@pytest.mark.study
 def test_a_clock_that_runs_slow_is_told_by_what_it_does_at_corners():
     # the case that asked for it: in this noise the corners say nearly all, and both signs miss them
     case = draw("clock-ratio", 1305, "matrix", "ar", 40.0)

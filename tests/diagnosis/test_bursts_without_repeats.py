@@ -56,10 +56,9 @@ def test_what_comes_and_goes_is_unexplained_and_has_no_name(effect, seed):
     assert "noise is not steady" in out.unexplained.text
 
 
-@pytest.mark.parametrize(("seed", "colour"), [
-    (1, "white"), *(pytest.param(*c, marks=pytest.mark.study)
-                    for c in [(2, "white"), (3, "white"), (1, "ar"), (2, "ar"), (3, "ar")]),
-])  # fmt: skip
+@pytest.mark.study
+@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("colour", ["white", "ar"])
 def test_steady_noise_is_nothing(seed, colour):
     out = diagnose([recording(steady, seed, colour)])
     assert out.findings == []

@@ -62,6 +62,7 @@ def test_without_repeats_creep_is_found_and_the_noise_floor_is_not_known():
     assert any("no repeats" in n for n in found.notes)
 
 
+@pytest.mark.study
 def test_a_first_rise_of_its_own_is_an_initiation_stage():
     def effect(x, drive, t):
         largest = np.maximum.accumulate(np.abs(drive - drive[0]))
@@ -71,6 +72,7 @@ def test_a_first_rise_of_its_own_is_an_initiation_stage():
     assert names(found)[0] == "initiation-stage"
 
 
+@pytest.mark.study
 def test_a_record_that_lags_is_a_skew_or_something_listed_with_it():
     delay = 5e-4
 
@@ -87,6 +89,7 @@ def test_a_record_that_lags_is_a_skew_or_something_listed_with_it():
         assert found.follow_up is not None
 
 
+@pytest.mark.study
 def test_drift_is_found_with_its_rate():
     found = diagnose(recordings(lambda x, drive, t: x + 20e-3 * t))
     assert names(found)[:1] == ["thermal-drift"]
@@ -106,6 +109,7 @@ def test_a_drift_that_settles_is_found_with_its_rate_at_the_beginning_of_the_ses
     assert found.rungs[-1].rms_nm < 2.2
 
 
+@pytest.mark.study
 def test_a_ripple_over_displacement_is_the_interferometers():
     def sensor(x, t, rng):
         return x + 4e-3 * np.sin(2 * np.pi * x / 0.3164 + 0.4)

@@ -17,6 +17,7 @@ from piezo_rig.diagnosis.unlike import within_what_is_wrong
 from piezo_rig.identification import identify
 
 RATIO = 1.004
+pytestmark = pytest.mark.study  # six seconds for what all of them ask
 whole = importlib.import_module("piezo_rig.diagnosis.diagnose")
 
 
@@ -40,7 +41,6 @@ def asked():
     return space, fitted, noise_um
 
 
-@pytest.mark.study
 def test_a_gain_is_no_longer_told_from_a_scale_where_the_model_is_wrong_by_what_they_differ(asked):
     space, fitted, noise_um = asked
     play, effect, moved = actuator(), [], []

@@ -18,7 +18,7 @@ from piezo_rig.run_file.importers import ImportOptions, read_recordings
 
 OPTIONS = ImportOptions(sensitivity="1um/V")
 FUZZ = settings(
-    max_examples=300,
+    max_examples=150,
     derandomize=True,
     deadline=None,
     database=None,

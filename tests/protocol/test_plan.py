@@ -219,7 +219,7 @@ def test_a_mistake_is_reported_with_line_and_key(mistake, line, key, rig):
     assert key in caught.value.what
 
 
-@settings(max_examples=300, derandomize=True, deadline=None)
+@settings(max_examples=150, derandomize=True, deadline=None)
 @given(st.text(max_size=200))
 def test_any_text_is_a_protocol_or_a_clear_error(text):
     try:
@@ -238,7 +238,7 @@ KEYS = st.sampled_from(
 )
 
 
-@settings(max_examples=300, derandomize=True, deadline=None)
+@settings(max_examples=150, derandomize=True, deadline=None)
 @given(
     st.sampled_from(["triangle", "sine", "hold", "blank", "steps", "turning-points", "sequence"]),
     st.dictionaries(KEYS, VALUES, max_size=8),

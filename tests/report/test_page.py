@@ -228,15 +228,16 @@ def test_every_cause_of_the_catalogue_has_words_and_a_view():
     assert views.views_of("never heard of")[0] is views.DRIVE
 
 
+@pytest.mark.study
 def test_two_causes_are_as_much_alike_the_one_way_as_the_other():
-    workings = diagnosis("many").workings
+    workings = diagnosis("two").workings
     known = isolability(workings.space, workings.last)
     found = [i for i, c in enumerate(known.causes) if known.found[i]]
     a, b = found  # both as they are, with no forms to choose from: their cosine has no direction
     assert known.cosine[a, b] == pytest.approx(known.cosine[b, a], rel=1e-6)
     assert np.all((known.cosine >= 0) & (known.cosine <= 1))
     assert known.found[known.causes.index("creep")]
-    finding = next(f for f in diagnosis("many").findings if f.cause == "creep")
+    finding = next(f for f in diagnosis("two").findings if f.cause == "creep")
     assert known.d_prime[known.causes.index("creep")] == pytest.approx(finding.d_prime, rel=0.02)
 
 
