@@ -35,6 +35,7 @@ from piezo_rig.diagnosis.held_out import (
     held_out_errors,
     reported_kind,
 )
+from piezo_rig.diagnosis.kinks import with_kinks
 from piezo_rig.diagnosis.ladder import Ladder, Step
 from piezo_rig.diagnosis.monitored import corrected, freed, taken_in
 from piezo_rig.diagnosis.over_scales import over_scales
@@ -196,6 +197,8 @@ def _climbed(
     settled = without_settling(clean, start.model)
     whitener, repeated = engine.noise_of(settled, start, rng)
     out = _set_out(clean, whitener, repeated, start, settled)
+    if (kinked := with_kinks(out.space, out.first)) is not None:
+        out = _set_out(clean, whitener, repeated, kinked, settled)
     space, first = out.space, out.first
     out.reading = reading
     if reading is not None:

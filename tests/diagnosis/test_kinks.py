@@ -1,0 +1,90 @@
+"""Break points that the data ask for: where sliders give way, and nowhere else."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parent))
+from sliders import play, recorded
+from spaces import begun
+
+from piezo_rig.diagnosis import diagnose
+from piezo_rig.diagnosis.kinks import with_kinks
+from piezo_rig.diagnosis.refit import refit, square_of
+
+RATE, NOISE_UM = 2000.0, 1e-3
+FEW = np.array([2.3, 6.1, 9.7, 14.2, 19.9, 27.1])  # V; of a table's 80 places none is at one
+MANY = np.linspace(0.3, 36.0, 120)
+
+
+def sweeps(limits, share, more=lambda seen: seen, seed=0):
+    """Triangles of four heights, twice each."""
+    rng, out = np.random.default_rng(seed), []
+    for repeat in (1, 2):
+        for top in (30.0, 50.0, 62.0, 75.0):
+            up = np.linspace(0.0, top, 400)
+            drive = np.tile(np.concatenate([up[:-1], up[:0:-1]]), 3)
+            seen = more(play(drive, limits, share)) + NOISE_UM * rng.standard_normal(drive.size)
+            out.append(recorded(
+                drive, seen, RATE, number=len(out) + 1, condition=f"0-{top:g}", repeat=repeat,
+            ))  # fmt: skip
+    return out
+
+
+def fitted_to(recordings):
+    space, point = begun(recordings)
+    return space, refit(space, point)
+
+
+def nearest(places, to):
+    """How far off the nearest of some places is, of each."""
+    return np.abs(np.asarray(to)[:, None] - np.asarray(places)).min(axis=1)
+
+
+def table_of(point):
+    (table,) = point.tables
+    return table.elements.knots_v
+
+
+def test_a_band_is_halved_where_a_slider_gives_way_and_nowhere_else():
+    space, first = fitted_to(sweeps(FEW, 0.03))
+    before, after = table_of(first.point), table_of(with_kinks(space, first))
+    width = np.diff(before, prepend=0.0)[np.searchsorted(before, FEW)]
+    assert (nearest(after, FEW) < 0.15 * width).all()
+    new = after[nearest(before, after) > 1e-6]
+    bands, of = np.searchsorted(before, new), np.searchsorted(before, FEW)
+    assert nearest(of, bands).max() <= 1  # where a band ends, the one beside it helps
+
+
+def test_what_is_left_is_noise_then():
+    space, first = fitted_to(sweeps(FEW, 0.03))
+    there = refit(space, with_kinks(space, first))
+    count = float(first.linear.count.sum())
+    noise = 1e-3 * space.noise_nm / np.sqrt(2.0)  # of a mean of two
+    before, after = (np.sqrt(square_of(f.linear) / count) for f in (first, there))
+    assert before > 1.5 * noise
+    assert after == pytest.approx(noise, rel=0.1)
+
+
+@pytest.mark.parametrize("more", [
+    lambda seen: seen,
+    lambda seen: seen + 5e-3 * np.sin(seen),  # which no element does
+])  # fmt: skip
+def test_a_smooth_actuator_keeps_its_even_places(more):
+    space, first = fitted_to(sweeps(MANY, 0.0005, more))
+    assert with_kinks(space, first) is None
+
+
+def test_where_much_else_is_amiss_causes_come_first():
+    space, first = fitted_to(sweeps(FEW, 0.03, lambda seen: seen + 0.05 * np.sin(seen)))
+    assert with_kinks(space, first) is None
+
+
+def test_the_baseline_of_a_diagnosis_has_them():
+    found = diagnose(sweeps(FEW, 0.03))
+    assert found.findings == []
+    assert found.rungs[0].rms_nm < 1.1e3 * NOISE_UM
