@@ -102,18 +102,13 @@ def _found(groups: Groups, model: Model, far: float, quiet: Groups | None = None
     cleaned, spikes, seconds, samples = [], list[Spike](), 0.0, 0
     for g, (group, known) in enumerate(zip(groups.groups, (quiet or groups).groups, strict=True)):
         predicted = group.predicted(model)
-        usual = known.measured_um
         speed = _speed(predicted) if group.repeats == 1 else None
-        marks = np.array([
-            _marks(row - predicted, calm - predicted, groups.travel_um, far, speed)
-            for row, calm in zip(group.measured_um, usual, strict=True)
-        ])
-        if group.repeats > 1:  # what every repeat shows at the same place is no accident
-            marks &= np.array([
-                _alone(group.measured_um, usual, k, far) for k in range(group.repeats)
-            ])
-        else:  # nor is what turning points show, one after the other
-            marks[0] &= ~_at_turns(group, marks[0])
+        marks = _marked(group, known.measured_um, predicted, groups.travel_um, far, speed)
+        if marks.any():  # what turning points show, one after the other, is no accident: some of
+            lower = _marked(  # it may be less tall
+                group, known.measured_um, predicted, groups.travel_um, min(far, NEARER), speed
+            )
+            marks &= ~np.array([_at_turns(group, mark) for mark in lower])
         rows = []
         for r, (row, mark) in enumerate(zip(group.measured_um, marks, strict=True)):
             found = _events(mark)
@@ -128,6 +123,22 @@ def _found(groups: Groups, model: Model, far: float, quiet: Groups | None = None
     if count == 0:
         return Spikes(groups, (), seconds, 1.0)
     return Spikes(groups.with_(cleaned), tuple(spikes), seconds, max(p, 1e-12))
+
+
+def _marked(
+    group: Group, usual: FloatArray, predicted: FloatArray, travel_um: float, far: float,
+    speed: FloatArray | None,
+) -> NDArray[np.bool_]:
+    """What stands out in each recording of a group (k, n), but for what every repeat shows at the
+    same place: that is no accident.
+    """
+    marks = np.array([
+        _marks(row - predicted, calm - predicted, travel_um, far, speed)
+        for row, calm in zip(group.measured_um, usual, strict=True)
+    ])
+    if group.repeats > 1:
+        marks &= np.array([_alone(group.measured_um, usual, k, far) for k in range(group.repeats)])
+    return marks
 
 
 def _off(values: FloatArray) -> FloatArray:
