@@ -35,7 +35,7 @@ from piezo_rig.diagnosis.held_out import (
     held_out_errors,
     reported_kind,
 )
-from piezo_rig.diagnosis.kinks import with_kinks
+from piezo_rig.diagnosis.kinks import as_in, with_kinks
 from piezo_rig.diagnosis.ladder import Ladder, Step
 from piezo_rig.diagnosis.monitored import corrected, freed, taken_in
 from piezo_rig.diagnosis.over_scales import over_scales
@@ -74,6 +74,7 @@ class Climbed:
     known : how far laws reach, as far as that has been looked for
     turned : the model that says that the drive turns between samples, if one does; the ladder was
         not climbed to its end then
+    kinked : the model that has its break points where the data do, likewise
     """
 
     space: Space
@@ -88,6 +89,7 @@ class Climbed:
     spread: Intervals = field(default_factory=dict)
     known: dict[str, Known] = field(default_factory=dict)
     turned: Model | None = None
+    kinked: Point | None = None
     ladder: Ladder = field(init=False)
     _known: dict[int, tuple[Point, Errors]] = field(default_factory=dict)
 
@@ -186,19 +188,21 @@ def _near(before: tuple[float, ...], left: tuple[float, ...]) -> bool:
 def _climbed(
     clean: Groups, start: Point, rng: np.random.Generator, tell: Callable[[str], None], others: int,
     reading: Reading | None, brief: bool = False, told: tuple[Model, float] | None = None,
+    kinked: bool = False,
 ) -> Climbed:
     """
     Parameters
     ----------
     told : a model with the ageing that recordings of one drive show, and its chance
+    kinked : whether the baseline has its break points where the data have them
     """
     tell("noise")
     clean = on_one_scale(clean, start.model)
     settled = without_settling(clean, start.model)
     whitener, repeated = engine.noise_of(settled, start, rng)
     out = _set_out(clean, whitener, repeated, start, settled)
-    if (kinked := with_kinks(out.space, out.first)) is not None:
-        out = _set_out(clean, whitener, repeated, kinked, settled)
+    if not kinked and (there := with_kinks(out.space, out.first)) is not None:
+        kinked, out = True, _set_out(clean, whitener, repeated, there, settled)
     space, first = out.space, out.first
     out.reading = reading
     if reading is not None:
@@ -212,9 +216,14 @@ def _climbed(
         point = replace(first.point, model=first.point.model.with_stage(stage))
         first = refit(space, point)
         out.monitored.append(Step(AGEING, told[1], first))
-    def turns(fitted: Fitted) -> bool:
+    asked = [first] if kinked else []
+
+    def stop(fitted: Fitted) -> bool:
         out.turned = fitted.point.model if turn_between(space, fitted, first) else None
-        return out.turned is not None
+        if out.turned is None and not asked:  # beside the first cause; rivals tell no more
+            asked.append(fitted)
+            out.kinked = with_kinks(space, fitted)
+        return out.turned is not None or out.kinked is not None
 
     some, begun = None if start.fixed else some_of(clean), list[Step]()
     if some is not None:
@@ -228,10 +237,14 @@ def _climbed(
         begun, out.known = on_all(space, looked, out.error_nm, tell)
     out.ladder = climb(
         space, first, rng, tell, out.gates(first), out.noise_nm, others, out.helps, brief, begun,
-        turns,
+        stop,
     )  # fmt: skip
     if out.turned is not None:
         return out
+    if out.kinked is not None:
+        tell("break points where the data have theirs")
+        start = as_in(start, out.kinked)
+        return _climbed(clean, start, rng, tell, others, reading, brief, told, True)
     if start.fixed and (right := put_right(
         space, first, out.error_nm(out.ladder.last), out.noise_nm, out.error_nm
     )) is not None:  # fmt: skip
@@ -250,7 +263,7 @@ def _climbed(
     if other is None:
         return _at_their_reaches(out, tell)
     tell("without the monitor's delay")
-    out = _climbed(clean, start, rng, tell, others, other[0], told=told)
+    out = _climbed(clean, start, rng, tell, others, other[0], told=told, kinked=kinked)
     out.said = [*out.said, other[1]]
     return out
 

@@ -31,11 +31,11 @@ ALIKE = 1e-6  # squared length of a candidate, of what it was, that is no direct
 def with_kinks(space: Space, first: Fitted) -> Point | None:
     """A fitted baseline with bands halved where they are no straight lines; None if all are.
 
-    Only of one table that is free and alone, and only where little else is amiss: as long as much
-    is, more elements follow that as well as they can, and take their time.
+    Only of a table that is free and the only one, and only where little else is amiss: as long as
+    much is, more elements follow that as well as they can, and take their time.
     """
     point, added = first.point, 0
-    if point.fixed or point.sizes or len(point.tables) != 1:
+    if point.fixed or len(point.tables) != 1:
         return None
     for n in range(ROUNDS):
         finer = _halved(point, np.ones(point.compliances, bool))
@@ -57,24 +57,44 @@ def _halved(point: Point, which: NDArray[np.bool_]) -> Point:
     order = np.argsort(np.concatenate([knots, middle[which]]), kind="stable")
     knots = np.concatenate([knots, middle[which]])[order]
     compliance = np.concatenate([compliance, compliance[which]])[order]
+    return _with_table(point, knots, compliance)
+
+
+def _with_table(point: Point, knots: FloatArray, compliance: FloatArray) -> Point:
+    (table,) = point.tables
     stage: Stage = type(table)(table.parameters, Elements.from_curve(knots, compliance))
     stages = tuple(stage if s.id == table.id else s for s in point.model.stages)
     return replace(point, model=point.model.with_(stages=stages))
 
 
+def as_in(point: Point, other: Point) -> Point:
+    """A point with the break points of another, whose bands are halves of its own."""
+    (table,), (finer,) = point.tables, other.tables
+    assert table.elements is not None
+    assert finer.elements is not None
+    knots, end = finer.elements.knots_v, table.elements.knots_v
+    band = np.minimum(np.searchsorted(end, knots - 1e-9 * end[-1]), end.size - 1)
+    return _with_table(point, knots, (1.0 / table.elements.slopes)[band])
+
+
 def _apart(linear: Linear, most: int, share: float) -> NDArray[np.bool_]:
     """Which bands the data want in two, shape (b,), from products about all halves.
+
+    What bands and other numbers of the point can do is projected off.
 
     The plainest first, and what it explains taken off the others. What the base leaves otherwise is
     reckoned as noise. ``share`` : of what is beyond noise, that they are to explain at least
     """
-    count = linear.frame.compliances
-    gram = summed([b.gram for b in linear.frame.bands], None)
-    with_data = summed(linear.residual, None)[:count]
-    whole, half = np.zeros((count // 2, count)), np.zeros((count // 2, count))
+    count, behind = linear.frame.compliances, linear.layout.base - linear.frame.compliances
+    residual, beside = summed(linear.residual), summed(linear.cross)[:, :count]
+    gram = np.block([[summed([b.gram for b in linear.frame.bands]), beside.T],
+                     [beside, summed(linear.own)]])  # fmt: skip
+    with_data = np.concatenate([residual[:count], residual[-1 - behind : -1]])
+    whole, half = np.zeros((count // 2 + behind, len(gram))), np.zeros((count // 2, len(gram)))
     for k in range(count // 2):
         whole[k, 2 * k : 2 * k + 2] = 1.0
         half[k, 2 * k : 2 * k + 2] = 1.0, -1.0
+    whole[count // 2 :, count:] = np.eye(behind)
     base = whole @ gram @ whole.T
     base += 1e-9 * np.diag(np.diag(base)) + 1e-300 * np.eye(len(base))
     follows = np.linalg.solve(base, np.column_stack([whole @ gram @ half.T, whole @ with_data]))
@@ -82,7 +102,7 @@ def _apart(linear: Linear, most: int, share: float) -> NDArray[np.bool_]:
     own = half @ gram @ half.T - cross @ follows[:, :-1]
     along = half @ with_data - cross @ follows[:, -1]
     least = ALIKE * np.diag(half @ gram @ half.T)
-    left = float(summed(linear.residual, None)[-1]) - float(whole @ with_data @ follows[:, -1])
+    left = float(residual[-1]) - float(whole @ with_data @ follows[:, -1])
     samples = sum(rows.left.size for rows in linear.rows)
     beyond = left - samples
     found, gained = np.zeros(count // 2, bool), 0.0

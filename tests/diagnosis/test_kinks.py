@@ -13,7 +13,7 @@ from sliders import play, recorded
 from spaces import begun
 
 from piezo_rig.diagnosis import diagnose
-from piezo_rig.diagnosis.kinks import with_kinks
+from piezo_rig.diagnosis.kinks import as_in, with_kinks
 from piezo_rig.diagnosis.refit import refit, square_of
 
 RATE, NOISE_UM = 2000.0, 1e-3
@@ -21,11 +21,14 @@ FEW = np.array([2.3, 6.1, 9.7, 14.2, 19.9, 27.1])  # V; of a table's 80 places n
 MANY = np.linspace(0.3, 36.0, 120)
 
 
-def sweeps(limits, share, more=lambda seen: seen, seed=0):
-    """Triangles of four heights, twice each."""
+TOPS = (30.0, 50.0, 62.0, 75.0)
+
+
+def sweeps(limits, share, more=lambda seen: seen, seed=0, tops=TOPS):
+    """Triangles of some heights, twice each."""
     rng, out = np.random.default_rng(seed), []
     for repeat in (1, 2):
-        for top in (30.0, 50.0, 62.0, 75.0):
+        for top in tops:
             up = np.linspace(0.0, top, 400)
             drive = np.tile(np.concatenate([up[:-1], up[:0:-1]]), 3)
             seen = more(play(drive, limits, share)) + NOISE_UM * rng.standard_normal(drive.size)
@@ -88,3 +91,24 @@ def test_the_baseline_of_a_diagnosis_has_them():
     found = diagnose(sweeps(FEW, 0.03))
     assert found.findings == []
     assert found.rungs[0].rms_nm < 1.1e3 * NOISE_UM
+
+
+def drifting(seen):
+    return seen + 40e-3 * np.arange(seen.size) / RATE
+
+
+def test_they_are_looked_for_beside_the_first_cause_as_well():
+    found = diagnose(sweeps(FEW, 0.03, drifting, tops=TOPS[2:]))
+    assert [f.cause for f in found.findings] == ["thermal-drift"]
+    assert found.findings[0].parameters["rate"].value == pytest.approx(40.0, abs=1.0)
+    assert found.rungs[-1].rms_nm < 1.1e3 * NOISE_UM
+
+
+def test_a_table_with_more_break_points_is_the_same_curve():
+    space, first = fitted_to(sweeps(FEW, 0.03))
+    other = with_kinks(space, first)
+    there = as_in(first.point, other)
+    assert table_of(there) == pytest.approx(table_of(other))
+    for group in space.groups.groups:
+        expected = group.predicted(first.point.model)
+        assert group.predicted(there.model) == pytest.approx(expected, abs=1e-9)
