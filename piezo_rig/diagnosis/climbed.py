@@ -202,7 +202,8 @@ def _climbed(
     whitener, repeated = engine.noise_of(settled, start, rng)
     out = _set_out(clean, whitener, repeated, start, settled)
     if not kinked and (there := with_kinks(out.space, out.first)) is not None:
-        kinked, out = True, _set_out(clean, whitener, repeated, there, settled)
+        kinked, start = True, there
+        out = _set_out(clean, whitener, repeated, start, settled)
     space, first = out.space, out.first
     out.reading = reading
     if reading is not None:

@@ -80,10 +80,10 @@ def as_in(point: Point, other: Point) -> Point:
 def _apart(linear: Linear, most: int, share: float) -> NDArray[np.bool_]:
     """Which bands the data want in two, shape (b,), from products about all halves.
 
-    What bands and other numbers of the point can do is projected off.
+    What whole bands and the point's other numbers can do is projected off. The plainest comes
+    first, and what it explains is taken off the others; what is left is reckoned as noise.
 
-    The plainest first, and what it explains taken off the others. What the base leaves otherwise is
-    reckoned as noise. ``share`` : of what is beyond noise, that they are to explain at least
+    ``share`` : of what is beyond noise, that they are to explain at least
     """
     count, behind = linear.frame.compliances, linear.layout.base - linear.frame.compliances
     residual, beside = summed(linear.residual), summed(linear.cross)[:, :count]

@@ -104,8 +104,8 @@ def _found(groups: Groups, model: Model, far: float, quiet: Groups | None = None
         predicted = group.predicted(model)
         speed = _speed(predicted) if group.repeats == 1 else None
         marks = _marked(group, known.measured_um, predicted, groups.travel_um, far, speed)
-        if marks.any():  # what turning points show, one after the other, is no accident: some of
-            lower = _marked(  # it may be less tall
+        if marks.any():  # what turning points show, one after the other, is no accident
+            lower = _marked(  # of which not all may be tall
                 group, known.measured_um, predicted, groups.travel_um, min(far, NEARER), speed
             )
             marks &= ~np.array([_at_turns(group, mark) for mark in lower])
