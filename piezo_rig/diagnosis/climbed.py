@@ -119,6 +119,19 @@ class Climbed:
         rng = np.random.default_rng(0)
         return gain(self.errors(less), self.errors(fitted), rng)[1][0] > 0.0
 
+    def predicting_better(
+        self, kinked: Point | None, first: Fitted, fitted: Fitted
+    ) -> Point | None:
+        """A model with more break points, if with them it predicts better what was held out, and
+        so does the baseline.
+        """
+        if kinked is None:
+            return None
+        bare = refit(self.space, as_in(first.point, kinked))
+        whole = refit(self.space, kinked)
+        better = self.error_nm(bare) < self.error_nm(first)
+        return kinked if better and self.error_nm(whole) < self.error_nm(fitted) else None
+
     def gates(self, first: Fitted) -> Sequence[Gate]:
         """Errors that an extension of a model may not raise, each by more than a factor."""
 
@@ -202,8 +215,9 @@ def _climbed(
     whitener, repeated = engine.noise_of(settled, start, rng)
     out = _set_out(clean, whitener, repeated, start, settled)
     if not kinked and (there := with_kinks(out.space, out.first)) is not None:
-        kinked, start = True, there
-        out = _set_out(clean, whitener, repeated, start, settled)
+        finer = _set_out(clean, whitener, repeated, there, settled)
+        if finer.error_nm(finer.first) < out.error_nm(out.first):
+            kinked, start, out = True, there, finer
     space, first = out.space, out.first
     out.reading = reading
     if reading is not None:
@@ -223,7 +237,7 @@ def _climbed(
         out.turned = fitted.point.model if turn_between(space, fitted, first) else None
         if out.turned is None and not asked:  # beside the first cause; rivals tell no more
             asked.append(fitted)
-            out.kinked = with_kinks(space, fitted)
+            out.kinked = out.predicting_better(with_kinks(space, fitted), first, fitted)
         return out.turned is not None or out.kinked is not None
 
     some, begun = None if start.fixed else some_of(clean), list[Step]()
