@@ -13,6 +13,7 @@ from sliders import play, recorded
 from spaces import begun
 
 from piezo_rig.diagnosis import diagnose
+from piezo_rig.diagnosis.climbed import Climbed
 from piezo_rig.diagnosis.kinks import as_in, with_kinks
 from piezo_rig.diagnosis.refit import refit, square_of
 
@@ -112,3 +113,14 @@ def test_a_table_with_more_break_points_is_the_same_curve():
     for group in space.groups.groups:
         expected = group.predicted(first.point.model)
         assert group.predicted(there.model) == pytest.approx(expected, abs=1e-9)
+
+
+@pytest.mark.parametrize("worse", [False, True])
+def test_they_are_kept_where_they_predict_better(worse, monkeypatch):
+    space, first = fitted_to(sweeps(FEW, 0.03))
+    out = Climbed(space, "sweep", "sweep", None, True, first)
+    there = with_kinks(space, first)
+    if worse:
+        monkeypatch.setattr(Climbed, "error_nm", lambda self, fitted: fitted.point.compliances)
+    assert out.predicting_better(there, first, first) is (None if worse else there)
+    assert out.predicting_better(None, first, first) is None
