@@ -80,7 +80,7 @@ def climb(
     helps : whether the second fit predicts recordings better than the first, beyond doubt
     brief : only upwards: a model that explains most is all that is asked for
     begun : steps that some of the drives ask for, fitted to all of them
-    stop : whether to go no further with what is fitted first: something is wrong with the data
+    stop : whether to go no further with what is fitted first: data or base are to be put right
     """
     search = Search(space, first, rng, tell, held_out, noise_nm, others, helps, stop=stop)
     with_own_bend(search)
