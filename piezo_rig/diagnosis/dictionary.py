@@ -194,7 +194,7 @@ def generic(group: Group, scales: Scales, f: Features) -> tuple[FloatArray, list
         tags.extend([what] * len(made))
 
     later = 1.0 - f.on_first
-    hats = _hats(np.log(np.maximum(f.change, 1e-6)), np.log(np.geomspace(0.004, 1.0, CHANGES)))
+    hats = hats_of(np.log(np.maximum(f.change, 1e-6)), np.log(np.geomspace(0.004, 1.0, CHANGES)))
     hats[0] *= np.clip(f.change / 0.004, 0.0, 1.0)
     for hat in hats:
         shaped = hat * later
@@ -205,10 +205,10 @@ def generic(group: Group, scales: Scales, f: Features) -> tuple[FloatArray, list
         add("range+drive", signed * f.range * f.extremum)
         add("drive+direction", shaped * f.extremum, signed * f.extremum)
     edges = np.concatenate([np.geomspace(0.008, 0.13, EARLY), np.linspace(0.25, 1.0, RISES)])
-    for hat in _hats(f.reach, edges):
+    for hat in hats_of(f.reach, edges):
         add("first rise", hat * np.clip(f.reach / edges[0], 0.0, 1.0))
     centres = np.linspace(0.0, 1.0, PLACES)
-    for hat in _hats(f.place, centres):
+    for hat in hats_of(f.place, centres):
         add("displacement", hat)
         add("displacement+direction", hat * f.direction * np.minimum(f.change / 0.05, 1.0))
     aged = np.log1p(f.cycle)
@@ -218,7 +218,7 @@ def generic(group: Group, scales: Scales, f: Features) -> tuple[FloatArray, list
     add("cycle", parity * bend, parity * bend * f.direction, parity * f.place)
     since = np.log10(np.maximum(f.since_s, scales.shortest_s) / scales.shortest_s)
     decades = max(np.log10(scales.longest_s / scales.shortest_s), 1.0)
-    for hat in _hats(since / decades, np.linspace(0.0, 1.0, 9)):
+    for hat in hats_of(since / decades, np.linspace(0.0, 1.0, 9)):
         turned = hat * f.direction * later
         add("time_since_turn", turned, turned * f.slew)
     speed = np.log(np.clip(f.slew, 1e-3, 1e3))
@@ -233,7 +233,7 @@ def generic(group: Group, scales: Scales, f: Features) -> tuple[FloatArray, list
     return np.array(columns), tags
 
 
-def _hats(x: FloatArray, at: FloatArray) -> FloatArray:
+def hats_of(x: FloatArray, at: FloatArray) -> FloatArray:
     """Piecewise linear hats with corners ``at``, constant beyond the ends; shape (k, n)."""
     return np.array([np.interp(x, at, row) for row in np.eye(at.size)])
 

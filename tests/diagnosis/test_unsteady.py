@@ -8,14 +8,17 @@ import numpy as np
 import pytest
 
 from piezo_rig.diagnosis import diagnose
-from piezo_rig.diagnosis.fit import starting_model
+from piezo_rig.diagnosis.engine import noise_of, plainly
+from piezo_rig.diagnosis.fit import Point, starting_model
 from piezo_rig.diagnosis.grouping import group_tracks
 from piezo_rig.diagnosis.noise import Spectrum
 from piezo_rig.diagnosis.unexplained import Unexplained, unexplained
-from piezo_rig.diagnosis.unsteady import unsteady
+from piezo_rig.diagnosis.unsteady import Unsteady, unsteady
 from piezo_rig.diagnosis.whitening import CellWhitener
 from piezo_rig.identification import prepare
-from tests.diagnosis.two_drives import session
+from piezo_rig.run_file.sweep import Sweep
+from tests.diagnosis.sliders import play
+from tests.diagnosis.two_drives import LIMITS, session
 
 
 @pytest.mark.study
@@ -62,3 +65,46 @@ def test_where_nothing_moves_nothing_is_unsteady():
     found = unsteady(still, white, model)
     assert found.p_value == 1.0
     assert found.rms_nm == 0.0
+
+
+def walks(gain) -> list[Sweep]:
+    """One random walk of 12 s, twice; ``gain`` : of time on the bench, what the sensor shows."""
+    rng, rate = np.random.default_rng(4), 500.0
+    time = np.arange(6000) / rate
+    corners = np.cumsum(rng.uniform(0.08, 0.4, 60))
+    volts = np.interp(time, np.append(0.0, corners), np.append(0.0, rng.uniform(0.0, 75.0, 60)))
+    out = []
+    for repeat in range(2):
+        moved = play(volts, LIMITS, 0.0016) * (1.0 + gain(31.0 * repeat + time))
+        seen = moved + 3e-3 * rng.standard_normal(time.size)
+        out.append(Sweep(
+            f"sweep_{repeat + 1:04d}", volts, seen, rate, 1.0, 0.0, 1.0, 1, 0.0, "a walk",
+            repeat + 1, "virgin", 31.0 * repeat, "SIMULATED",
+        ))  # fmt: skip
+    return out
+
+
+def wave(time):
+    return 0.004 * np.sin(2.0 * np.pi * time / 7.3)
+
+
+def of_walks(gain) -> Unsteady:
+    """With the noise as two repeats show it, which has the wave in it."""
+    sweeps = walks(gain)
+    groups = group_tracks(prepare(sweeps), sweeps)
+    start = Point(starting_model(groups, (), "classical"))
+    whitener, _ = noise_of(groups, start, np.random.default_rng(0))
+    found = unsteady(groups, whitener, plainly(groups, start).point.model)
+    assert found is not None
+    return found
+
+
+def test_a_gain_that_waves_through_a_random_walk_is_seen():
+    found, time = of_walks(wave), np.arange(6000) / 500.0
+    differ = 0.5 * np.std(wave(time) - wave(31.0 + time))  # of either from their mean
+    assert found.p_value < 1e-4
+    assert found.share == pytest.approx(differ, rel=0.3)
+
+
+def test_a_steady_gain_in_a_random_walk_is_none():
+    assert of_walks(lambda time: 0.0 * time).p_value > 0.01
