@@ -24,6 +24,7 @@ from piezo_rig.diagnosis.forms import converged, in_another_form, reached, summi
 from piezo_rig.diagnosis.ladder import Ladder, Step
 from piezo_rig.diagnosis.likelihood import Likelihood
 from piezo_rig.diagnosis.own_laws import also, loosen, rather
+from piezo_rig.diagnosis.patience import Patience
 from piezo_rig.diagnosis.put_in import LARGE
 from piezo_rig.diagnosis.race import FAR_BEHIND, Tried, raced, tried
 from piezo_rig.diagnosis.reduction import reduce
@@ -33,6 +34,7 @@ from piezo_rig.diagnosis.scan import LATER, LEVEL, RUN_OFF, Found, Scan, of_base
 from piezo_rig.diagnosis.scores import score_generic
 from piezo_rig.diagnosis.space import Space
 from piezo_rig.diagnosis.spare import AMISS, NEEDED, clear, faint, far_off, idle, one_by_one, prune
+from piezo_rig.errors import InputError
 
 FloatArray = NDArray[np.float64]
 MOST = 8  # findings
@@ -65,6 +67,7 @@ def climb(
     brief: bool = False,
     begun: Sequence[Step] = (),
     stop: Callable[[Fitted], bool] = lambda fitted: False,
+    patience: Patience | None = None,
 ) -> Ladder:
     """Forward selection from a fitted baseline, with detours at the end.
 
@@ -81,11 +84,22 @@ def climb(
     brief : only upwards: a model that explains most is all that is asked for
     begun : steps that some of the drives ask for, fitted to all of them
     stop : whether to go no further with what is fitted first: data or base are to be put right
+    patience : how much was tried before; a climb that goes wrong ends where it is
     """
-    search = Search(space, first, rng, tell, held_out, noise_nm, others, helps, stop=stop)
+    search = Search(
+        space, first, rng, tell, held_out, noise_nm, others, helps, stop=stop,
+        patience=patience or Patience(),
+    )
     with_own_bend(search)
     search.steps += begun
     search.rearranged = bool(begun)
+    try:
+        return _climbed(search, brief, bool(begun))
+    except InputError as error:  # a law that holds no more where some fit has led
+        return Ladder(search.first, tuple(search.steps), tuple(search.scans), error.what)
+
+
+def _climbed(search: Search, brief: bool, begun: bool) -> Ladder:
     members = search.causes
     search.forward()
     if brief or search.stopped:
@@ -132,6 +146,7 @@ class Search:
     stopped: bool = False
     rather: list[int] = field(default_factory=list)  # what says more than a bend in this scan
     rivals: list[Fitted] = field(default_factory=list)  # refits that the newest member was one of
+    patience: Patience = field(default_factory=Patience)
 
     @property
     def fitted(self) -> Fitted:
@@ -161,6 +176,8 @@ class Search:
         before = -np.inf
         while len(self.causes) < self.most:
             here = self.fitted
+            if self.patience.at_an_end or (self.aside and self.patience.lost):
+                return
             hoped = HOPE * (self.most - len(self.causes)) * (here.evidence - before)
             if here.evidence + hoped < self.goal:
                 return
@@ -195,7 +212,7 @@ class Search:
                 if self.stopped:
                     return
                 continue
-            if not self.left_over():
+            if self.patience.lost or not self.left_over():
                 return
             if not (self.let_go(here, 0.0) or together(self, here)
                     or self.explained(here, found, family)):  # fmt: skip

@@ -34,11 +34,13 @@ from piezo_rig.diagnosis.held_out import (
     gain,
     held_out_errors,
     reported_kind,
+    spanned,
 )
 from piezo_rig.diagnosis.kinks import as_in, with_kinks
 from piezo_rig.diagnosis.ladder import Ladder, Step
 from piezo_rig.diagnosis.monitored import corrected, freed, taken_in
 from piezo_rig.diagnosis.over_scales import over_scales
+from piezo_rig.diagnosis.patience import Patience
 from piezo_rig.diagnosis.put_right import put_right
 from piezo_rig.diagnosis.reaches import Intervals, Known, at_their_reaches
 from piezo_rig.diagnosis.refit import Fitted, refit, settle
@@ -54,6 +56,7 @@ Gate = tuple[Callable[[Fitted], float], float]
 WORSE, STRICT, AWAY = 1.03, 1.01, 3.0  # by which an extension may raise held-out errors
 ROUNDS, SETTLED = 3, 0.05  # of what is left in memory; the share by which it has changed
 PERIODIC = "periodic-nonlinearity"
+LOUD = 0.5  # of the noise beside the baseline, that beside a better model, below which it was none
 CLOSE = 1.3  # times the noise floor: nearly nothing is left, and a true cause does no harm
 
 
@@ -155,7 +158,7 @@ class Climbed:
 
 def climbed(
     clean: Groups, start: Point, rng: np.random.Generator, tell: Callable[[str], None], others: int,
-    reading: Reading | None = None, brief: bool = False,
+    reading: Reading | None = None, brief: bool = False, patience: Patience | None = None,
 ) -> Climbed:
     """The ladder of recordings that are clean of events and hum.
 
@@ -168,17 +171,19 @@ def climbed(
     others : causes that were tried elsewhere (on the raw recordings), for the correction
     reading : of the drive monitor
     brief : whether a model that explains most is all that is asked for, if there is more to explain
+    patience : how much was tried before
     """
+    patience = patience or Patience()
     known, left = plainly_apart(clean, start.model), tuple[float, ...]()
     same = clean if known is None else of_one_history(clean, known)
     for _ in range(ROUNDS):
-        out = _climbed(same, start, rng, tell, others, reading, brief)
+        out = _climbed(same, start, rng, tell, others, reading, patience, brief)
         if out.turned is not None:
             return out
         last = out.ladder.last.point.model
         before, left = left, numbers_apart(last)
         if known is not None and not differ(clean, last):
-            out = _climbed(clean, start, rng, tell, others, reading, brief)
+            out = _climbed(clean, start, rng, tell, others, reading, patience, brief)
             break
         if not differ(clean, last) or _near(before, left):
             break
@@ -190,7 +195,7 @@ def climbed(
         aged, chance = unseen
         tell("recordings as if made at the same count of cycles")
         same = of_one_history(clean, aged)
-        out = _climbed(same, start, rng, tell, others, reading, told=(aged, chance))
+        out = _climbed(same, start, rng, tell, others, reading, patience, told=(aged, chance))
     return out
 
 
@@ -200,19 +205,20 @@ def _near(before: tuple[float, ...], left: tuple[float, ...]) -> bool:
 
 def _climbed(
     clean: Groups, start: Point, rng: np.random.Generator, tell: Callable[[str], None], others: int,
-    reading: Reading | None, brief: bool = False, told: tuple[Model, float] | None = None,
-    kinked: bool = False,
+    reading: Reading | None, patience: Patience, brief: bool = False,
+    told: tuple[Model, float] | None = None, kinked: bool = False, better: Point | None = None,
 ) -> Climbed:
     """
     Parameters
     ----------
     told : a model with the ageing that recordings of one drive show, and its chance
     kinked : whether the baseline has its break points where the data have them
+    better : what noise is known beside, where nothing but a model shows it, if not the baseline
     """
     tell("noise")
     clean = on_one_scale(clean, start.model)
     settled = without_settling(clean, start.model)
-    whitener, repeated = engine.noise_of(settled, start, rng)
+    whitener, repeated = engine.noise_of(settled, better or start, rng)
     out = _set_out(clean, whitener, repeated, start, settled)
     if not kinked and (there := with_kinks(out.space, out.first)) is not None:
         finer = _set_out(clean, whitener, repeated, there, settled)
@@ -252,14 +258,25 @@ def _climbed(
         begun, out.known = on_all(space, looked, out.error_nm, tell)
     out.ladder = climb(
         space, first, rng, tell, out.gates(first), out.noise_nm, others, out.helps, brief, begun,
-        stop,
+        stop, patience,
     )  # fmt: skip
+    if out.ladder.ended:
+        out.said.append(f"causes were looked for up to a point only: {out.ladder.ended}")
     if out.turned is not None:
         return out
     if out.kinked is not None:
         tell("break points where the data have theirs")
         start = as_in(start, out.kinked)
-        return _climbed(clean, start, rng, tell, others, reading, brief, told, True)
+        return _climbed(
+            clean, start, rng, tell, others, reading, patience, brief, told, True, better
+        )
+    if not repeated and better is None and out.ladder.steps:
+        last = out.ladder.last.point
+        if engine.noise_of(settled, last, rng)[0].spectrum.rms_um < LOUD * whitener.spectrum.rms_um:
+            tell("noise beside a better model")
+            return _climbed(
+                clean, start, rng, tell, others, reading, patience, brief, told, kinked, last
+            )
     if start.fixed and (right := put_right(
         space, first, out.error_nm(out.ladder.last), out.noise_nm, out.error_nm
     )) is not None:  # fmt: skip
@@ -278,7 +295,10 @@ def _climbed(
     if other is None:
         return _at_their_reaches(out, tell)
     tell("without the monitor's delay")
-    out = _climbed(clean, start, rng, tell, others, other[0], told=told, kinked=kinked)
+    out = _climbed(
+        clean, start, rng, tell, others, other[0], patience, told=told, kinked=kinked,
+        better=better,
+    )
     out.said = [*out.said, other[1]]
     return out
 
@@ -295,7 +315,10 @@ def _set_out(
     if start.fixed:
         space.own_um = own_um_of(start.model)
     first, floor = refit(space, start), noise_floor_nm(settled or groups)
-    kind = "none" if folds == "cycles" and extrapolates(space) else reported_kind(groups, folds)
+    kind = reported_kind(groups, folds)
+    further = folds == "sweep" == kind and not repeated and not spanned(space)
+    if further or (folds == "cycles" and extrapolates(space)):
+        kind = "none"
     return Climbed(space, folds, kind, floor, repeated, first)
 
 

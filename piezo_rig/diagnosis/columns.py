@@ -24,7 +24,6 @@ from piezo_rig.diagnosis.fit import Point
 from piezo_rig.diagnosis.groups import Group, Groups
 from piezo_rig.diagnosis.left_before import left_before
 from piezo_rig.diagnosis.linear import Bands, Fixed, Frame, Key, Piece, joined, no_bands, no_columns
-from piezo_rig.diagnosis.noise import Spectrum
 from piezo_rig.diagnosis.whitening import CellWhitener
 
 FloatArray = NDArray[np.float64]
@@ -85,13 +84,13 @@ class Columns:
     @property
     def noise_nm(self) -> float:
         """Noise of one recording at the thinned rate, rms."""
-        return 1e3 * _rms(self.whitener.spectrum)
+        return 1e3 * self.whitener.spectrum.rms_um
 
     @property
     def sample_noise_nm(self) -> float:
         """Noise of one recording sample by sample, rms, as errors are counted."""
         if self.whitener.samples is not None:
-            return 1e3 * _rms(self.whitener.samples.spectrum)
+            return 1e3 * self.whitener.samples.spectrum.rms_um
         return float(np.sqrt(self.groups.factor)) * self.noise_nm
 
     def prepare(self, model: Model) -> None:
@@ -324,11 +323,6 @@ class Columns:
             whole, time_s=time, drive_v=thin(whole, group.drive_v), denser=None,
             blocks=((0, time.size),),
         )
-
-
-def _rms(spectrum: Spectrum) -> float:
-    grid = np.linspace(0.0, 0.5, 2001)[1:]
-    return float(np.sqrt(np.mean(spectrum.power(grid, 0.0))))
 
 
 def numbers_of(stage: Stage) -> Numbers:

@@ -42,7 +42,7 @@ def rivals_of(found: Scan, member: str, chances: FloatArray) -> list[str]:
 def around(search: Search) -> None:
     """Detours, as long as they lead somewhere and something asks for them."""
     for _ in range(ROUNDS):
-        if not (search.few or search.left_over()) or not detour(search):
+        if search.patience.lost or not (search.few or search.left_over()) or not detour(search):
             break
 
 

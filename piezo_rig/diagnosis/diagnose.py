@@ -174,12 +174,16 @@ def _answer(
     ]  # fmt: skip
     if search.kind == "none":
         why = "too few cycles to hold anything out"
-        if extrapolates(space):
+        if len(space.groups.groups) > 1:
+            why = "each recording goes further than the other: nothing can be held out"
+        elif extrapolates(space):
             why = "the last cycles go further than all before them: nothing can be held out"
         notes.append(f"{why}; figures are of the fit itself, gains are not given")
     tell("the rest")
     refused = search.ladder.scans[-1].refused if search.ladder.scans else {}
     rest = _rest(turns, clean, rungs, refused)
+    if rest.detected and turns.patience.note is not None:
+        notes.append(turns.patience.note)
     confused = {f.cause: f.alternatives for f in own}
     if turns.aside is not None:
         notes.append(f"{turns.aside.text} is set aside before causes are looked for; the model "

@@ -360,7 +360,10 @@ def elsewhere(space: Space, fitted: Fitted, id: str, than: Fitted) -> list[Fitte
 
     def begun(form: Stage) -> list[Fitted]:
         there = at_values(space, fitted, id, {n: form[n] for n in form.parameters})
-        return [there, refit(space, there.point, held=True, plain=True)]
+        try:
+            return [there, refit(space, there.point, held=True, plain=True)]
+        except (InputError, np.linalg.LinAlgError):  # least squares leads to what cannot be played
+            return [there]
 
     found = abreast(space, [partial(begun, s) for _, s in best[:ELSEWHERE]], fitted.parts)
     return [f for both in found for f in both]

@@ -86,7 +86,12 @@ class Errors:
 
 def reported_kind(groups: Groups, kind: str) -> str:
     """Recordings are left out where there are several of every drive, else what `engine` says."""
-    return REPEATS if all(g.repeats > 1 for g in groups.groups) else kind
+    return REPEATS if _repeated(groups) else kind
+
+
+def _repeated(groups: Groups) -> bool:
+    """Whether every drive was recorded more than once."""
+    return all(g.repeats > 1 for g in groups.groups)
 
 
 def extrapolates(space: Space) -> bool:
@@ -111,16 +116,22 @@ def carried_over_nm(space: Space, fitted: Fitted, kind: str) -> float:
     """
     if kind not in ("condition", "sweep"):
         return held_out_errors(space, fitted, kind).rms_nm
-    inside = [
+    inside = spanned(space)
+    return held_out_errors(space, fitted, kind, only=inside).rms_nm if inside else 0.0
+
+
+def spanned(space: Space) -> list[int]:
+    """The folds whose drives go no further than those of all others."""
+    return [
         k for k in sorted({p.fold for p in space.pieces})
         if _inside(space.groups, [p.group for p in space.pieces if p.fold == k])
     ]  # fmt: skip
-    return held_out_errors(space, fitted, kind, only=inside).rms_nm if inside else 0.0
 
 
 def _inside(groups: Groups, left_out: Sequence[int]) -> bool:
     """Whether the drives of some groups lie within the drives of the others, and none of them goes
-    further at once than one of those: 10 to 55 V and 75 to 40 V say nothing of 10 to 75 V.
+    further at once than one of those: 10 to 55 V and 75 to 40 V say nothing of 10 to 75 V. Nor
+    does a loop say how a first rise goes on.
     """
     rest = [g for i, g in enumerate(groups.groups) if i not in left_out]
     if not rest:
@@ -130,10 +141,16 @@ def _inside(groups: Groups, left_out: Sequence[int]) -> bool:
     furthest = max(float(np.ptp(g.drive_v)) for g in rest)
     slack = SLACK * (high - low)
     drives = [groups.groups[i].drive_v for i in left_out]
+    risen = max((_risen(g) for g in rest), default=0.0)
     return all(
         d.min() >= low - slack and d.max() <= high + slack and np.ptp(d) <= furthest + slack
         for d in drives
-    )
+    ) and all(_risen(groups.groups[i]) <= risen + slack for i in left_out)
+
+
+def _risen(group: Group) -> float:
+    """How far a group goes along the first rise, volts; 0 unless it begins virgin."""
+    return float(np.max(np.abs(group.drive_v - group.drive_v[0]))) if group.virgin else 0.0
 
 
 def held_out_errors(
@@ -149,9 +166,11 @@ def held_out_errors(
     """
     groups, pieces = space.groups, space.pieces
     point = fitted.point
-    if kind == REPEATS:
+    if kind == REPEATS and _repeated(groups):
         return _left_out(space, fitted, measured or groups)
     folds = sorted({p.fold for p in pieces}) if only is None else list(only)
+    if only is None and kind in ("condition", "sweep"):
+        folds = spanned(space) or folds  # beyond the others' drives tables go where they like
     plan: list[tuple[list[int], list[int]]] = []
     if kind == "cycles":
         plan.append(([i for i, p in enumerate(pieces) if p.fold == 0],
@@ -165,7 +184,8 @@ def held_out_errors(
             plan.append(([i for i, p in enumerate(pieces) if p.fold not in out],
                          [i for i, p in enumerate(pieces) if p.fold in out]))  # fmt: skip
     squares: dict[tuple[int, int, int], NDArray[np.float64]] = {}
-    few = sum(g.repeats for g in groups.groups) < FEW
+    scored = {pieces[i].group for _, held in plan for i in held}
+    few = sum(groups.groups[g].repeats for g in scored) < FEW
     worst = 0.0
     for train, held in plan:
         model = point.model

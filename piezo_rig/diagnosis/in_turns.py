@@ -38,6 +38,7 @@ from piezo_rig.diagnosis.engine import plainly
 from piezo_rig.diagnosis.fit import Point
 from piezo_rig.diagnosis.found import RIPPLE
 from piezo_rig.diagnosis.groups import Groups
+from piezo_rig.diagnosis.patience import Patience
 from piezo_rig.diagnosis.refit import Fitted
 from piezo_rig.diagnosis.ripples import Ripple, set_aside, without
 from piezo_rig.diagnosis.scale import at_one_phase, read_anew
@@ -72,6 +73,7 @@ class InTurns:
     aside : an error that comes back with displacement at a period of its own, if there is one
     whole, clean : without all that; with repeats also at one phase of the interferometer's error
     reading : of the drive monitor
+    patience : how much was tried by now
     """
 
     raw: Groups
@@ -85,6 +87,7 @@ class InTurns:
     reading: Reading | None = None
     notes: list[str] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
+    patience: Patience = field(default_factory=Patience)
     whole: Groups = field(init=False)
     clean: Groups = field(init=False)
     search: Climbed = field(init=False)
@@ -189,7 +192,7 @@ class InTurns:
     def _climb(self, brief: bool = False) -> None:
         self.search = climbed(
             self.clean, self.start.point, self.rng, self.tell, len(TRIED), self.reading,
-            brief=brief,
+            brief=brief, patience=self.patience,
         )
         if self.search.turned is not None:
             raise TurnsBetween(self.search.turned)

@@ -29,6 +29,7 @@ class Ladder:
     first: Fitted
     steps: tuple[Step, ...]
     scans: tuple[Scan, ...]
+    ended: str = ""  # why it was climbed no further, where something went wrong
 
     @property
     def last(self) -> Fitted:

@@ -70,6 +70,12 @@ class Spectrum:
             np.concatenate([error, self.error[first:]]),
         )
 
+    @property
+    def rms_um(self) -> float:
+        """Of one recording."""
+        grid = np.linspace(0.0, 0.5, 2001)[1:]
+        return float(np.sqrt(np.mean(self.power(grid, 0.0))))
+
     def scaled(self, factor: FloatArray | float) -> Spectrum:
         return Spectrum(self.frequency, self.log_power + np.log(factor), self.error)
 

@@ -34,6 +34,7 @@ LOOKED_AT = 2  # starts of an effect that goes by speed, from which plain least 
 FAR_LESS = 0.5  # squared error, of that of the likeliest refit
 LONG, NO_LESS, AS_NEAR = 12, 3.0, 1.1  # steps; log-likelihood; squared error, of that with both
 FAR_OFF = 2.0  # times the noise, thinned as the recordings are
+HALVED = 4  # times, of what is between two levels
 TWICE, EVERY = 2, 3  # turns of a look at levels; every so many of them in the first
 AS_MUCH = 3.0  # log-likelihood that a number more must promise for it not to be doubted
 LOST = 0.3  # of what a linear look at a cause promised; a refit that keeps less went too far
@@ -151,7 +152,42 @@ def _nearest(space: Space, here: Fitted, points: Sequence[Point], id: str) -> Po
             looked = range(max(k - EVERY + 1, 0), min(k + EVERY, len(points)))
         made = [partial(_left_with, space, points[j], id) for j in looked]
         left[list(looked)] = abreast(space, made, here.parts)
-    return points[int(np.argmin(left))] if np.isfinite(left).any() else None
+    if not np.isfinite(left).any():
+        return None
+    k = int(np.argmin(left))
+    return _between_levels(space, here, points[max(k - 1, 0) : k + 2], points[k], left[k], id)
+
+
+def _between_levels(
+    space: Space, here: Fitted, beside: Sequence[Point], best: Point, left: float, id: str
+) -> Point:
+    """The best of some levels, or what leaves less halfway to its neighbours, and halfway again.
+
+    A large level is known to a small share of what lies between two that are tried.
+    """
+    stage = best.model.stage(id)
+    assert isinstance(stage, Cause)
+    others = [s for p in beside if p is not best and (s := p.model.stage(id)) is not None]
+    apart = [
+        {n: other[n] - stage[n] for n in stage.sharp if other[n] != stage[n]} for other in others
+    ]  # fmt: skip
+    # those of the same kind: one from below is no neighbour of one from above
+    apart = [a for a, other in zip(apart, others, strict=True) if len(a) == 1 and all(
+        stage.neutral.get(n) not in (stage[n], other[n]) and stage[n] * other[n] > 0.0 for n in a
+    )]  # fmt: skip
+    share = 1.0
+    for _ in range(HALVED if apart else 0):
+        share *= 0.5
+        points = []
+        for steps in apart:
+            there = stage.with_values(**{n: stage[n] + share * by for n, by in steps.items()})
+            points.append(replace(best, model=best.model.with_stage(there)))
+        found = abreast(space, [partial(_left_with, space, p, id) for p in points], here.parts)
+        if min(found) < left:
+            left, best = min(found), points[int(np.argmin(found))]
+            stage = best.model.stage(id)
+            assert isinstance(stage, Cause)
+    return best
 
 
 def _far_off(space: Space, fitted: Fitted) -> bool:
@@ -201,7 +237,8 @@ def refitted(
         promised = found.likelihood.evidence(columns) - found.likelihood.evidence()
         point = begun_best(space, point, candidate.id, form[0], promised)
         fitted = descended(space, point, here, promised)
-        if promised > LARGE and _far_off(space, fitted):
+        large = promised > LARGE or bool(getattr(form[0], "cuts_off", False))
+        if large and _far_off(space, fitted):
             there = _from_either_end(space, here, found, i, point)
             if there is not point:
                 other = descended(space, there, here, promised)

@@ -70,6 +70,7 @@ def tried(
     if not len(close):
         return []
     result = found.result
+    search.patience.spend(len(close))
     search.tell(f"refit with {' or '.join(result.ids[i] for i in close)}")
     slow = sorted(map(int, close), key=lambda i: not _slow(result.ids[i]))  # these first
     forms = {i: form for i in slow if (form := plainer(found, result.ids[i])) is not None}

@@ -97,7 +97,7 @@ def _columns(group: Group, model: Model, places: int) -> tuple[FloatArray, Float
     later.
     """
     begin, end = group.blocks[0][0], group.blocks[-1][1]
-    at = np.arange(group.drive_v.size)
+    at = np.arange(float(group.drive_v.size))
     moved = group.predicted(model)
     within = moved[begin:end]
     hats = hats_of(at, np.linspace(begin, end - 1, places))

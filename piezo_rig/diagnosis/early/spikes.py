@@ -17,6 +17,7 @@ FloatArray = NDArray[np.float64]
 FAR, NEARER = 8.0, 5.5  # robust standard deviations: of the first, and where there are some
 SHARP = 0.5  # of a spike's height between neighbouring samples, on both sides
 BACK, NOISY = 0.35, 3.0  # of its height that a spike may leave behind; standard deviations, if more
+ON = 0.5  # of a step that the one before it may go the same way
 TURNS = 2  # in which smaller ones are looked for beside those that are known
 NEAR = 41  # samples whose scatter a spike must stand out of
 OF_TURNS = 2e-3  # chance of so many spikes at turning points, below which they are no accidents
@@ -201,13 +202,17 @@ def _marks(
 def _sharp(residual: FloatArray, off: FloatArray, least: FloatArray, a: int, b: int) -> bool:
     """Whether samples a..b - 1 leave their neighbours and come back at once, as no model's error.
 
-    A break point that a model has in the wrong place makes a hump of some samples.
+    A break point that a model has in the wrong place makes a hump of some samples. So does the
+    crest of a wave: up to it samples rise, and after it they fall, as they do further off.
     """
     height = float(np.max(np.abs(off[a:b])))
-    steps = abs(residual[a] - residual[a - 1]), abs(residual[b] - residual[b - 1])
+    up, down = residual[a] - residual[a - 1], residual[b] - residual[b - 1]
     back = abs(residual[b] - residual[a - 1])
     most = max(BACK * height, NOISY * float(np.max(least[a:b])))
-    return bool(min(steps) > SHARP * height and back < most)
+    if min(abs(up), abs(down)) <= SHARP * height or back >= most:
+        return False
+    before, after = residual[a - 1] - residual[a - 2], residual[b + 1] - residual[b]
+    return bool(before / up < ON or after / down < ON)
 
 
 def _alone(
