@@ -298,7 +298,8 @@ def _rest(
     search = turns.search
     space, last, floor = search.space, search.ladder.last, search.floor_nm
     model, left_nm = last.point.model, rungs[-1].rms_nm
-    rest = unexplained(space, last, floor or left_nm, by_laws_nm(rungs), turns.rng, left_nm)
+    noise_nm = floor or min(left_nm, space.sample_noise_nm)
+    rest = unexplained(space, last, noise_nm, by_laws_nm(rungs), turns.rng, left_nm)
     line = find_line(clean, model)
     rest = with_line(rest, line, floor)
     ripple = turns.aside

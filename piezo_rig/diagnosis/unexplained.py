@@ -34,6 +34,7 @@ LEAST, LEAST_ALONE = 0.02, 0.1
 FAINT = 20.0  # d' in white noise, of all samples, below which structure is not worth a word
 BEYOND = 0.7  # of the noise floor, by which what repeats share may be missed
 LUMPS = 1.5e-4  # of the travel: what elements that are lumps leave of a smooth actuator
+AT_MOST = 3.0  # times that, what fine thresholds may take before it is more than lumps
 LEFT_IN_DRIVE = 0.4  # of the noise that was taken out of the drive
 
 
@@ -81,10 +82,11 @@ def unexplained(
     rms = 1e3 * float(np.sqrt(max(float(generic @ generic_gram @ generic), 0.0) / samples))
     if np.isfinite(space.own_um):  # nothing follows the data: all that is left is what is left
         rms = min(rms, float(np.sqrt(max(held_out_nm**2 - noise_nm**2, 0.0))))
-    mismatch = 1e3 * float(np.sqrt(max(float(fine @ fine_gram @ fine), 0.0) / samples))
+    taken = 1e3 * float(np.sqrt(max(float(fine @ fine_gram @ fine), 0.0) / samples))
     known, of_laws = _known_nm(space, noise_nm, held_out_nm), min(of_laws_nm, noise_nm)
     travel_nm = 1e3 * space.groups.travel_um
     of_drive = _of_drive_nm(space)
+    mismatch = min(taken, AT_MOST * LUMPS * travel_nm)
     least = LEAST if all(g.repeats > 1 for g in space.groups.groups) else LEAST_ALONE
     least = max(least, FAINT / np.sqrt(space.groups.samples))
     allowance = float(np.linalg.norm(
@@ -93,7 +95,7 @@ def unexplained(
     missed = float(np.linalg.norm([BEYOND * noise_nm, LUMPS * travel_nm, known, of_laws, of_drive]))
     shared = _shared_nm(space, noise_nm, held_out_nm)
     named = _named(space, generic, generic_gram)
-    if mismatch > rms:
+    if taken > rms:
         named.append("drive")  # fine thresholds have taken most of it
     if shared > missed:
         rms, allowance = max(rms, shared), missed

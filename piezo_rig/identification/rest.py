@@ -22,6 +22,7 @@ LEFT_AT_END = 0.01  # where it is seen at one drive only, not along a whole rise
 TIMES = 3.0  # as much as later cycles differ by, or as noise would make
 BINS = 16  # stretches of drive over which noise is averaged
 LATER = 6  # rises that are compared
+AMID = 0.1  # of the range, that a drive goes to either side of where it begins, not at rest
 END = 0.03  # of the drive's range: this near to its start a line is laid
 
 
@@ -39,7 +40,7 @@ def begins_at_rest(
     if len(loops) < 2:
         return False
     start = float(drive[0])
-    if abs(start) > tolerance and not _stayed(drive, loops, tolerance):
+    if abs(start) > tolerance and (_amid(drive) or not _stayed(drive, loops, tolerance)):
         return False
     up = loops.direction[0] * (drive - start)  # volts from the start on, the first half loop up
     begin, end = up[loops.start], up[loops.stop]
@@ -52,6 +53,12 @@ def begins_at_rest(
         if left or end[k] <= end[0] + tolerance:
             return left
     return False
+
+
+def _amid(drive: FloatArray) -> bool:
+    """Whether the drive goes to both sides of where it begins: to get there it was moved."""
+    sides = drive[0] - np.min(drive), np.max(drive) - drive[0]
+    return bool(min(sides) > AMID * np.ptp(drive))
 
 
 def _stayed(drive: FloatArray, loops: HalfLoops, tolerance: float) -> bool:

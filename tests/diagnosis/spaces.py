@@ -13,7 +13,7 @@ from piezo_rig.identification import prepare
 
 def begun(sweeps):
     """A space, and a point of the classical model in it."""
-    data = group_tracks(prepare(sweeps, first_rises=True), sweeps)
+    data = group_tracks(prepare(sweeps, first_rises=True, clipped=True), sweeps)
     plain = Point(starting_model(data, named_model("classical"), "classical"))
     whitener, _ = engine.noise_of(data, plain, np.random.default_rng(0))
     return engine.space_of(data, whitener, plain.model)[0], plain

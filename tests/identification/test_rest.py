@@ -76,6 +76,17 @@ def test_a_sweep_that_only_comes_back_to_0_v_at_its_end_shows_what_is_left_there
     assert not begins_at_rest(drive, y[drive.size :])
 
 
+@pytest.mark.parametrize("bias", [0.0, 40.0])
+def test_a_growing_wave_begins_at_rest_at_0_v_and_not_amid_its_drive(bias):
+    """To get to 40 V it was moved, and it remembers that it rose."""
+    n = 30 * N
+    cycles = np.arange(n + 1) / N
+    wave = bias + 1.2 * cycles * np.sin(2 * np.pi * cycles)
+    up = np.linspace(0.0, bias, 100)[:-1]
+    y = played(np.concatenate([up, wave]))[up.size :]
+    assert begins_at_rest(wave, y) is (bias == 0.0)
+
+
 def test_what_the_user_says_holds():
     drive = wave(unipolar)
     y = played(drive)
