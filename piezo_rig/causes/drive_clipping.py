@@ -44,6 +44,7 @@ class DriveClipping(Cause):
 
     id = "drive-clipping"
     place = "drive"
+    order = -2  # the amplifier's rails and current are within it, its lag is at the load
     together = True
     near: ClassVar[float] = NEAR_AT_A_LIMIT
     known_to: ClassVar[float] = AT_BEST

@@ -34,6 +34,7 @@ class DriveGain(Cause):
 
     id = "drive-gain"
     place = "drive"
+    order = -3
     together = True
     needs_fixed_model = True
     units: ClassVar[Mapping[str, str]] = {"ratio": "1"}

@@ -36,6 +36,7 @@ class SlewLimit(Cause):
 
     id = "slew-limit"
     place = "drive"
+    order = -1  # the amplifier's rails and current are within it, its lag is at the load
     near: ClassVar[float] = NEAR_AT_A_LIMIT
     known_to: ClassVar[float] = AT_BEST
     whole: ClassVar[bool] = True

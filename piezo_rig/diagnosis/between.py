@@ -176,10 +176,12 @@ def turn_between(space: Space, fitted: Fitted, less: Fitted | None = None) -> bo
     """Whether a fit is plainly better with corners and curves between samples, where they may be.
 
     ``less`` : the same without its only member; with them it may be as good: a lag of a
-    fraction of a sample does much of what a corner does that is not put in
+    fraction of a sample does much of what a corner does that is not put in. Where much else is
+    missing, that is told when it is not: what cuts off corners looks like another corner
     """
     from piezo_rig.diagnosis.engine import space_of
     from piezo_rig.diagnosis.forms import converged
+    from piezo_rig.diagnosis.put_in import much_left
     from piezo_rig.diagnosis.refit import refit
 
     known = any(g.denser is not None for g in space.groups.groups)
@@ -191,9 +193,12 @@ def turn_between(space: Space, fitted: Fitted, less: Fitted | None = None) -> bo
     same = converged(space, refit(space, fitted.point, held=True))
     if less is not None:
         without = converged(there, refit(there, less.point, held=True))
-        if without.evidence > same.evidence - PLAINLY or _left(without) < _left(same):
+        better = without.evidence > same.evidence - PLAINLY or _left(without) < _left(same)
+        if better and not much_left(there, without):
             return True
     other = converged(there, refit(there, fitted.point, held=True))
+    if less is not None and much_left(there, other):
+        return False
     return other.evidence > same.evidence + PLAINLY
 
 

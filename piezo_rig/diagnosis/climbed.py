@@ -28,6 +28,8 @@ from piezo_rig.diagnosis.forms import converged
 from piezo_rig.diagnosis.groups import Groups
 from piezo_rig.diagnosis.held import own_um_of
 from piezo_rig.diagnosis.held_out import (
+    AGAIN,
+    REPEATS,
     Errors,
     carried_over_nm,
     extrapolates,
@@ -36,6 +38,7 @@ from piezo_rig.diagnosis.held_out import (
     reported_kind,
     spanned,
 )
+from piezo_rig.diagnosis.held_out import repeated as all_repeated
 from piezo_rig.diagnosis.kinks import as_in, with_kinks
 from piezo_rig.diagnosis.ladder import Ladder, Step
 from piezo_rig.diagnosis.monitored import corrected, freed, taken_in
@@ -66,7 +69,9 @@ class Climbed:
 
     Attributes
     ----------
-    folds, kind : how things were held out for the climb, and for the figures
+    folds, kind : how things were held out to see whether a model carries over, and for the figures
+    judged : and for the climb. A model that lacks an effect is judged by one of two drives that it
+        has not seen for what the other does not show
     floor_nm : noise of one recording; None without repeats
     repeated : whether the noise was measured between repeats
     first : the baseline; the ladder is climbed from the last of ``monitored``, if there are any
@@ -86,6 +91,7 @@ class Climbed:
     floor_nm: float | None
     repeated: bool
     first: Fitted
+    judged: str
     monitored: list[Step] = field(default_factory=list)
     said: list[str] = field(default_factory=list)
     reading: Reading | None = None
@@ -97,15 +103,26 @@ class Climbed:
     _known: dict[int, tuple[Point, Errors]] = field(default_factory=dict)
 
     def errors(self, fitted: Fitted) -> Errors:
-        """Held-out errors of a rung, as they are reported."""
+        """Held-out errors of a rung, as it is judged."""
         key = id(fitted.point)  # held, so that it stays its own; the matrices are too large for it
         if key not in self._known:
-            self._known[key] = fitted.point, held_out_errors(self.space, fitted, self.kind)
+            self._known[key] = fitted.point, held_out_errors(self.space, fitted, self.judged)
         return self._known[key][1]
 
     def error_nm(self, fitted: Fitted) -> float:
-        """Held-out error of a rung, as it is reported."""
+        """Held-out error of a rung, as it is judged."""
         return self.errors(fitted).rms_nm
+
+    @property
+    def held_out(self) -> str:
+        """What was left out for the figures, in the contract's words."""
+        return REPEATS if self.kind == AGAIN else self.kind
+
+    def figures(self, fitted: Fitted) -> Errors:
+        """Errors of a rung, as they are reported."""
+        if self.kind == self.judged:
+            return self.errors(fitted)
+        return held_out_errors(self.space, fitted, self.kind)
 
     @property
     def noise_nm(self) -> float:
@@ -117,7 +134,7 @@ class Climbed:
 
         ``unseen`` : the answer where nothing is held out
         """
-        if self.kind == "none":
+        if self.judged == "none":
             return unseen
         rng = np.random.default_rng(0)
         return gain(self.errors(less), self.errors(fitted), rng)[1][0] > 0.0
@@ -149,11 +166,12 @@ class Climbed:
 
         # conditions that are left out ask for extrapolation: only what runs away is refused, and
         # the one of the largest range says more than all others together
-        if self.kind == "condition":
+        if self.judged == "condition":
             return [(typical, WORSE), (mostly, AWAY)]
         close = self.floor_nm is not None and self.error_nm(first) < CLOSE * self.floor_nm
         gates: list[Gate] = [(self.error_nm, STRICT if close else WORSE)]
-        return gates if self.kind in (self.folds, "none") else [*gates, (carries_over, AWAY)]
+        alone = self.judged in (self.folds, "none") or self.folds == "sweep"
+        return gates if alone else [*gates, (carries_over, AWAY)]
 
 
 def climbed(
@@ -316,10 +334,14 @@ def _set_out(
         space.own_um = own_um_of(start.model)
     first, floor = refit(space, start), noise_floor_nm(settled or groups)
     kind = reported_kind(groups, folds)
-    further = folds == "sweep" == kind and not repeated and not spanned(space)
-    if further or (folds == "cycles" and extrapolates(space)):
+    if folds == "cycles" and extrapolates(space):
         kind = "none"
-    return Climbed(space, folds, kind, floor, repeated, first)
+    judged = kind
+    if folds == "sweep" and not all_repeated(groups):
+        judged = AGAIN
+        if not spanned(space):
+            kind = AGAIN if repeated else "none"
+    return Climbed(space, folds, kind, floor, repeated, first, judged)
 
 
 def _at_their_reaches(out: Climbed, tell: Callable[[str], None]) -> Climbed:

@@ -34,7 +34,7 @@ from piezo_rig.diagnosis.found import EVENTS, NO_FINDINGS, Diagnosis, Finding, R
 from piezo_rig.diagnosis.given import against_lacking
 from piezo_rig.diagnosis.grouping import group_tracks
 from piezo_rig.diagnosis.groups import Groups
-from piezo_rig.diagnosis.held_out import Errors, extrapolates, held_out_errors
+from piezo_rig.diagnosis.held_out import AGAIN, Errors, extrapolates, held_out_errors
 from piezo_rig.diagnosis.in_turns import InTurns, TurnsBetween
 from piezo_rig.diagnosis.isolability import Workings
 from piezo_rig.diagnosis.ladder import Step
@@ -194,7 +194,7 @@ def _answer(
     ):
         notes.append("a recorded drive monitor would say whether it is the amplifier")
     return Diagnosis(
-        len(turns.sweeps), sum(s.samples for s in turns.sweeps), raw.repeats, search.kind,
+        len(turns.sweeps), sum(s.samples for s in turns.sweeps), raw.repeats, search.held_out,
         recording_offsets(space, clean, search.first, turns.sweeps), name, rungs, search.floor_nm,
         findings, rest, follow_up(space, last, confused), model,
         [*([search.first.point.model] * (1 + before)), *(s.fitted.point.model for s in steps)],
@@ -213,11 +213,11 @@ def _figures(
     kind, folds = search.kind, search.folds
     every = [
         *(partial(held_out_errors, space, search.first, kind, g) for _, g in turns.cleaned),
-        *(partial(search.errors, s.fitted) for s in steps),
+        *(partial(search.figures, s.fitted) for s in steps),
     ]  # fmt: skip
     carried = [
         partial(held_out_errors, space, f, folds) for f in (search.first, search.ladder.last)
-    ] if kind != folds and folds in ("condition", "sweep") else []  # fmt: skip
+    ] if folds == "condition" != kind else []  # fmt: skip
     found = abreast(space, [*every, *carried])
     names = [name, *(cause for cause, _ in turns.cleaned[1:]), *(s.cause for s in steps)]
     return *rungs_of(names, found[: len(every)], turns.rng), found[len(every) :]
@@ -231,6 +231,9 @@ def _on_the_figures(
     if not search.repeated:
         notes.append("no repeats: the noise is estimated from what a generous model leaves, and "
                      "the noise floor is not known")  # fmt: skip
+    if search.kind == AGAIN:
+        notes.append("a drive that was recorded once is not left out: its part of the figures is "
+                     "of the fit itself")  # fmt: skip
     if search.space.loose:
         notes.append(
             "the baseline has no memoryless bend, but the actuator has one: what the baseline "

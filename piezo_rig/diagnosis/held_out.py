@@ -26,6 +26,7 @@ from piezo_rig.errors import InputError
 FloatArray = NDArray[np.float64]
 FOLDS = 12
 REPEATS = "sweep"  # every recording by a model that has not seen it
+AGAIN = "repeats"  # the same, where some drives were recorded once: those by one that has
 DRAWS = 2000
 FEW, CHUNKS = 6, 10  # fewer recordings than this are cut into chunks for the interval
 LEAST_FALL = 2e-4  # of the squared error; no group is expected to vary less
@@ -86,10 +87,10 @@ class Errors:
 
 def reported_kind(groups: Groups, kind: str) -> str:
     """Recordings are left out where there are several of every drive, else what `engine` says."""
-    return REPEATS if _repeated(groups) else kind
+    return REPEATS if repeated(groups) else kind
 
 
-def _repeated(groups: Groups) -> bool:
+def repeated(groups: Groups) -> bool:
     """Whether every drive was recorded more than once."""
     return all(g.repeats > 1 for g in groups.groups)
 
@@ -166,7 +167,7 @@ def held_out_errors(
     """
     groups, pieces = space.groups, space.pieces
     point = fitted.point
-    if kind == REPEATS and _repeated(groups):
+    if kind == AGAIN or (kind == REPEATS and repeated(groups)):
         return _left_out(space, fitted, measured or groups)
     folds = sorted({p.fold for p in pieces}) if only is None else list(only)
     if only is None and kind in ("condition", "sweep"):
@@ -177,7 +178,7 @@ def held_out_errors(
                      [i for i, p in enumerate(pieces) if p.fold == 1]))  # fmt: skip
     elif kind == "none" or (point.fixed and not point.values().size):
         every = list(range(len(pieces)))
-        plan.append((every, every))
+        plan.append((every, [i for i in every if kind == "none" or pieces[i].fold in folds]))
     else:
         joined = [folds[k::FOLDS] for k in range(min(FOLDS, len(folds)))]
         for out in joined:

@@ -190,7 +190,7 @@ def _between_levels(
     return best
 
 
-def _far_off(space: Space, fitted: Fitted) -> bool:
+def much_left(space: Space, fitted: Fitted) -> bool:
     """Whether far more is left than noise."""
     mean = square_of(fitted.linear) / max(float(fitted.linear.count.sum()), 1.0)
     return bool(1e3 * np.sqrt(mean) > FAR_OFF * space.noise_nm)
@@ -238,7 +238,7 @@ def refitted(
         point = begun_best(space, point, candidate.id, form[0], promised)
         fitted = descended(space, point, here, promised)
         large = promised > LARGE or bool(getattr(form[0], "cuts_off", False))
-        if large and _far_off(space, fitted):
+        if large and much_left(space, fitted):
             there = _from_either_end(space, here, found, i, point)
             if there is not point:
                 other = descended(space, there, here, promised)

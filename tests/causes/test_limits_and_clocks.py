@@ -126,3 +126,30 @@ def test_a_mode_with_less_than_two_samples_a_period_is_not_told_from_a_delay(fre
 def test_a_mode_that_hardly_rings_is_at_its_limit():
     low, high = CAUSES["resonance"].limits["damping"]
     assert low < 0.1 < 0.2 < high <= 0.25  # of 0.34 to 0.65 lags and delays have been called
+
+
+@pytest.mark.parametrize("found", [
+    ("amplifier-lag", "slew-limit", "drive-clipping"),
+    ("drive-clipping", "amplifier-lag", "slew-limit"),
+])  # fmt: skip
+def test_an_amplifier_clips_then_slews_then_lags_whatever_was_found_first(found):
+    """Its rails and its current are within it, the lag is that of its output into the load: a step
+    beyond a rail ends as exp(-t / tau) towards the rail, and not at once.
+    """
+    values = {
+        "amplifier-lag": {"tau": 2e-3}, "slew-limit": {"limit": 1e6},
+        "drive-clipping": {"lower": -1000.0, "upper": 50.0},
+    }  # fmt: skip
+    time = np.arange(400) * 1e-4
+    drive = np.where(time < 2e-3, 0.0, 100.0)
+    model = Model((MAXWELL,))
+    for id in found:
+        model = model.with_stage(CAUSES[id].of(None, **values[id]))
+    assert [s.id for s in model.stages][:3] == ["drive-clipping", "slew-limit", "amplifier-lag"]
+    signal = Signal(time, drive, np.zeros(0))
+    for stage in model.stages[:3]:
+        signal = stage.act(signal)
+    late = time >= 2.5e-3
+    # the step is a ramp between two samples: half a sample early
+    wanted = 50.0 * (1.0 - np.exp(-(time[late] - 1.95e-3) / 2e-3))
+    assert signal.drive_v[late] == pytest.approx(wanted, abs=0.3)

@@ -91,7 +91,7 @@ def test_what_is_like_nothing_that_a_model_gets_wrong_need_not_predict_a_new_con
 def test_what_is_left_out_may_run_away_in_one_stretch(fitted):
     """The gates of a ladder ask for what is typical, and for most of every recording."""
     space, without, full = fitted
-    search = Climbed(space, "condition", "condition", None, False, without)
+    search = Climbed(space, "condition", "condition", None, False, without, "condition")
     _, there = moved(space, 0.1)
     search._known[id(full.point)] = full.point, held_out_errors(space, full, "condition", there)
     assert search.error_nm(full) > 10.0

@@ -118,7 +118,7 @@ def test_a_table_with_more_break_points_is_the_same_curve():
 @pytest.mark.parametrize("worse", [False, True])
 def test_they_are_kept_where_they_predict_better(worse, monkeypatch):
     space, first = fitted_to(sweeps(FEW, 0.03))
-    out = Climbed(space, "sweep", "sweep", None, True, first)
+    out = Climbed(space, "sweep", "sweep", None, True, first, "sweep")
     there = with_kinks(space, first)
     if worse:
         monkeypatch.setattr(Climbed, "error_nm", lambda self, fitted: fitted.point.compliances)

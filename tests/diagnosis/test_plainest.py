@@ -6,6 +6,7 @@ import pytest
 
 from piezo_rig.causes import CAUSES
 from piezo_rig.diagnosis import race
+from piezo_rig.diagnosis.patience import Patience
 from piezo_rig.diagnosis.put_in import AS_MUCH, plainer
 
 DRIFT = "thermal-drift"
@@ -58,7 +59,9 @@ def test_which_of_two_forms_it_is_what_was_held_out_says(
     monkeypatch.setattr(race, "_grown", lambda search, here, found, i, fitted, most: (
         fitted.evidence, fitted, None
     ))  # fmt: skip
-    search = SimpleNamespace(space=None, tell=lambda text: None, error=lambda k, f: f.error)
+    search = SimpleNamespace(
+        patience=Patience(), space=None, tell=lambda text: None, error=lambda k, f: f.error
+    )
     here = SimpleNamespace(evidence=0.0, parts=())
     drifts = SimpleNamespace(result=SimpleNamespace(ids=(DRIFT,)))
     ((_, _, fitted),) = race.tried(search, here, drifts, [0])
