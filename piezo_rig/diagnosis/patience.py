@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-WAYS_ROUND, AT_ALL = 45, 90  # refits of causes in a diagnosis
+WAYS_ROUND, AT_ALL = 30, 60  # refits of causes in a diagnosis
 
 
 @dataclass(eq=False)
