@@ -164,8 +164,8 @@ class Climbed:
         def carries_over(fitted: Fitted) -> float:
             return carried_over_nm(self.space, fitted, self.folds)
 
-        # conditions that are left out ask for extrapolation: only what runs away is refused, and
-        # the one of the largest range says more than all others together
+        # where the largest condition has to be left out with the others, for none goes as far, it
+        # says more than all of them together: only what runs away is refused
         if self.judged == "condition":
             return [(typical, WORSE), (mostly, AWAY)]
         close = self.floor_nm is not None and self.error_nm(first) < CLOSE * self.floor_nm

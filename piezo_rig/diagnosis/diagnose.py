@@ -34,7 +34,14 @@ from piezo_rig.diagnosis.found import EVENTS, NO_FINDINGS, Diagnosis, Finding, R
 from piezo_rig.diagnosis.given import against_lacking
 from piezo_rig.diagnosis.grouping import group_tracks
 from piezo_rig.diagnosis.groups import Groups
-from piezo_rig.diagnosis.held_out import AGAIN, Errors, extrapolates, held_out_errors
+from piezo_rig.diagnosis.held_out import (
+    AGAIN,
+    Errors,
+    extrapolates,
+    held_out_errors,
+    repeated,
+    spanned,
+)
 from piezo_rig.diagnosis.in_turns import InTurns, TurnsBetween
 from piezo_rig.diagnosis.isolability import Workings
 from piezo_rig.diagnosis.ladder import Step
@@ -231,6 +238,10 @@ def _on_the_figures(
     if not search.repeated:
         notes.append("no repeats: the noise is estimated from what a generous model leaves, and "
                      "the noise floor is not known")  # fmt: skip
+    further = _in_every_fit(search)
+    if further:
+        notes.append("in every fit, and not in the figures, for no other goes as far, or as far on "
+                     f"a first rise: {', '.join(further)}")  # fmt: skip
     if search.kind == AGAIN:
         notes.append("a drive that was recorded once is not left out: its part of the figures is "
                      "of the fit itself")  # fmt: skip
@@ -258,6 +269,16 @@ def _on_the_figures(
             f"{full:.4g} nm with everything"
         )
     return notes
+
+
+def _in_every_fit(search: Climbed) -> list[str]:
+    """Conditions that are not left out where others are."""
+    space = search.space
+    kept = spanned(space)
+    if search.kind not in ("condition", "sweep") or repeated(space.groups) or not kept:
+        return []
+    names = [space.groups.groups[p.group].condition for p in space.pieces if p.fold not in kept]
+    return list(dict.fromkeys(n for n in names if n))
 
 
 def _of_the_ladder(

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from piezo_rig.causes import CAUSES
+from piezo_rig.diagnosis import diagnose
 from piezo_rig.diagnosis.climb import Search
 from piezo_rig.diagnosis.climbed import Climbed
 from piezo_rig.diagnosis.held_out import CHUNKS, Errors, _inside, held_out_errors
@@ -130,3 +131,10 @@ def test_one_of_two_recordings_is_left_out():
     space, plain = begun(sweeps)
     errors = held_out_errors(space, refit(space, plain), "sweep")
     assert errors.rms_nm == pytest.approx(1e3 * 0.02 * np.std(moved_um), rel=0.1)
+
+
+def test_what_is_in_every_fit_is_said():
+    found = diagnose(recordings(conditions=PLAYED, repeats=1))
+    assert found.held_out == "condition"
+    (note,) = [n for n in found.notes if n.startswith("in every fit")]
+    assert note.endswith(": 0-75")
