@@ -90,6 +90,7 @@ def climb(
         space, first, rng, tell, held_out, noise_nm, others, helps, stop=stop,
         patience=patience or Patience(),
     )
+    search.patience.begin()
     with_own_bend(search)
     search.steps += begun
     search.rearranged = bool(begun)

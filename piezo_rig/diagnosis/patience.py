@@ -9,14 +9,21 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-WAYS_ROUND, AT_ALL = 30, 60  # refits of causes in a diagnosis
+WAYS_ROUND, AT_ALL = 30, 60  # refits of causes in a climb
 
 
 @dataclass(eq=False)
 class Patience:
-    """``tried`` : causes that were refitted by now, in all climbs of a diagnosis"""
+    """``tried`` : causes that were refitted by now, in all climbs of a diagnosis; ``before`` :
+    those before the latest climb. One that begins anew on better data needs as many as the first.
+    """
 
     tried: int = 0
+    before: int = 0
+
+    def begin(self) -> None:
+        """A climb begins."""
+        self.before = self.tried
 
     def spend(self, causes: int) -> None:
         self.tried += causes
@@ -24,12 +31,12 @@ class Patience:
     @property
     def lost(self) -> bool:
         """Whether nothing is tried any more but what a look at every cause asks for."""
-        return self.tried >= WAYS_ROUND
+        return self.tried - self.before >= WAYS_ROUND or self.tried >= AT_ALL
 
     @property
     def at_an_end(self) -> bool:
         """Whether it is time to say what was found."""
-        return self.tried >= AT_ALL
+        return self.tried - self.before >= AT_ALL
 
     @property
     def note(self) -> str | None:

@@ -24,6 +24,21 @@ def test_first_ways_round_and_then_everything_comes_to_an_end():
     assert patience.at_an_end
 
 
+def test_a_climb_that_begins_anew_is_not_at_an_end():
+    """It has no ways round where all climbs together had tried as much as one may."""
+    patience = Patience()
+    patience.spend(WAYS_ROUND)
+    patience.begin()
+    assert not patience.lost
+    patience.spend(AT_ALL - WAYS_ROUND - 1)
+    assert not patience.lost
+    patience.spend(1)
+    assert patience.lost
+    patience.begin()
+    assert patience.lost
+    assert not patience.at_an_end
+
+
 def waving(x, drive, t):
     """Waves of the drive that turn their sign with its direction: no cause of the catalogue."""
     return x + 0.02 * np.tanh(np.gradient(drive) / 0.05) * np.sin(0.4 * drive)
