@@ -2,7 +2,8 @@
 
 Such a telegraph signal comes at random, so repeats disagree by it and all of it counts as noise;
 its steps, taken one by one, look like lost samples or small jumps of the interferometer. Steps of
-one size, up as often as down, many of them and away from turning points, are neither.
+one size, up as often as down, many of them and away from turning points, are neither; nor do they
+go like the drive's acceleration, as what lost samples leave of a smooth one does.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import chdtrc
 
 from piezo_rig.diagnosis.groups import Groups
 
@@ -22,6 +24,7 @@ USUAL = 0.6745  # standard deviations that half of normal numbers stay within
 LEAST = 20  # steps
 ALIKE = 0.15  # of their size, by which half of the steps may be off it
 UNEVEN = 3.0  # standard deviations, of a fair coin, between steps up and down
+BY_CHANCE = 0.003  # of a fair coin, that as many go with the drive or against it
 BESIDE_S = 0.03  # of turning points: what many lost samples do there lasts as long as they did
 MOST = 0.25  # of all averages that may be steps: else nothing is usual
 FRINGE_UM, OFF = 0.0791, 0.04  # a jump of the interferometer; how near to a whole number of them
@@ -65,10 +68,11 @@ def levels(groups: Groups) -> Levels | None:
     return best
 
 
-def _changes(groups: Groups, width: int) -> list[FloatArray]:
+def _changes(groups: Groups, width: int) -> list[tuple[FloatArray, FloatArray]]:
     """From each average of so many samples to the next but one, of what two repeats differ by.
 
-    Only away from turning points: a lost sample turns over at every one of them.
+    Only away from turning points: a lost sample turns over at every one of them. With each the
+    second difference of the drive there.
     """
     out = []
     for group in groups.groups:
@@ -83,37 +87,53 @@ def _changes(groups: Groups, width: int) -> list[FloatArray]:
             beside = max(width, round(BESIDE_S * groups.rate))
             first = np.searchsorted(turns, begins - beside, side="right")
             near = first < np.searchsorted(turns, begins + 3 * width + beside)
-            out += [np.where(near, np.nan, row) for row in means[:, 2:] - means[:, :-2]]
+            drive = group.drive_v[a : a + count * width].reshape(count, width).mean(axis=1)
+            bends = np.diff(drive, 2)
+            out += [(np.where(near, np.nan, row), bends) for row in means[:, 2:] - means[:, :-2]]
     return out
 
 
-def _alike(changes: list[FloatArray], step_s: float) -> Levels | None:
+def _alike(changes: list[tuple[FloatArray, FloatArray]], step_s: float) -> Levels | None:
     if not changes:
         return None
-    every = np.concatenate(changes)
+    every = np.concatenate([row for row, _ in changes])
     every = every[np.isfinite(every)]
     if not every.size:
         return None
     usual = float(np.median(np.abs(every - np.median(every)))) / USUAL
     if not usual > 0.0:
         return None
-    sizes = np.concatenate([_steps(row, STANDS_OUT * usual) for row in changes])
+    steps = [_steps(row, STANDS_OUT * usual) for row, _ in changes]
+    sizes = np.concatenate([row[at] for (row, _), at in zip(changes, steps, strict=True)])
     if sizes.size < LEAST or sizes.size > MOST * every.size:
         return None
     size = float(np.median(np.abs(sizes)))
     off = float(np.median(np.abs(np.abs(sizes) - size)))
     uneven = abs(float(np.sum(np.sign(sizes)))) / np.sqrt(sizes.size)
+    driven = [np.sign(row[at] * bends[at]) for (row, bends), at in zip(changes, steps, strict=True)]
     fringes = size / FRINGE_UM
-    if off > ALIKE * size or uneven > UNEVEN or abs(fringes - round(fringes)) < OFF * fringes:
+    if off > ALIKE * size or uneven > UNEVEN or _with_the_drive(driven):
+        return None
+    if abs(fringes - round(fringes)) < OFF * fringes:
         return None
     seconds = step_s * every.size  # what is left of two recordings
     return Levels(int(sizes.size), 1e3 * size, 0.5 * sizes.size / seconds)
 
 
-def _steps(row: FloatArray, least: float) -> FloatArray:
-    """The largest change of every stretch of changes that stand out."""
+def _with_the_drive(driven: list[FloatArray]) -> bool:
+    """Whether steps go as the drive bends, or against it, more than a fair coin would have it.
+
+    Of every two recordings by themselves: it is either's samples that may be lost.
+    """
+    told = [d for d in driven if d.size]
+    square = sum(float(d.sum()) ** 2 / d.size for d in told)
+    return bool(told) and float(chdtrc(len(told), square)) < BY_CHANCE
+
+
+def _steps(row: FloatArray, least: float) -> NDArray[np.int64]:
+    """Where the largest change of every stretch of changes that stand out is."""
     loud = np.abs(row) > least
     edges = np.flatnonzero(np.diff(np.concatenate([[0], loud.astype(int), [0]])))
     return np.array([
-        row[a:b][np.argmax(np.abs(row[a:b]))] for a, b in zip(edges[::2], edges[1::2], strict=True)
-    ])  # fmt: skip
+        a + np.argmax(np.abs(row[a:b])) for a, b in zip(edges[::2], edges[1::2], strict=True)
+    ], int)  # fmt: skip

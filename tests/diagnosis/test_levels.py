@@ -9,7 +9,8 @@ from piezo_rig.diagnosis import diagnose
 from piezo_rig.diagnosis.grouping import group_tracks
 from piezo_rig.diagnosis.levels import levels
 from piezo_rig.identification import prepare
-from tests.diagnosis.two_drives import session
+from tests.diagnosis.sliders import play, recorded
+from tests.diagnosis.two_drives import LIMITS, NOISE_UM, RATE, noise, session
 
 STEP_UM = 0.012
 
@@ -67,6 +68,31 @@ def test_lost_samples_turn_over_with_the_drive_and_are_no_levels(lost):
     cut = [np.append(np.delete(s.sensor_v, range(900, 900 + lost)), np.full(lost, s.sensor_v[-1]))
            if k % 3 == 0 else s.sensor_v for k, s in enumerate(sweeps)]  # fmt: skip
     assert found([s.with_(sensor_v=c) for s, c in zip(sweeps, cut, strict=True)]) is None
+
+
+@pytest.mark.parametrize("lost", [3, 7])
+@pytest.mark.parametrize("colour", ["white", "ar"])
+def test_what_lost_samples_leave_of_a_smooth_wave_are_no_levels(colour, lost):
+    """It goes like the drive's acceleration, and peaks where the drive turns slowly."""
+    sweeps = waves(colour, lost)
+    assert found(sweeps) is None
+    out = diagnose(sweeps)
+    assert [f.cause for f in out.findings] == ["dropped-samples"]
+    assert out.findings[0].parameters["count"].value == lost
+
+
+def waves(colour, lost):
+    """Three recordings of a sine that grows and shrinks, the second with a loss."""
+    rng, n = np.random.default_rng(7), 5000
+    grown = np.concatenate([np.linspace(0.15, 1.0, n // 2), np.linspace(1.0, 0.15, n - n // 2)])
+    volts = 36.0 * grown * (1.0 - np.cos(2.0 * np.pi * 4.0 * np.arange(n) / RATE))
+    moved, out = play(volts, LIMITS, 0.0016), []
+    for number in range(3):
+        seen = moved + NOISE_UM * noise(rng, n, colour)
+        if number == 1:
+            seen = np.append(np.delete(seen, range(1800, 1800 + lost)), np.full(lost, seen[-1]))
+        out.append(recorded(volts, seen, RATE, "virgin", number))
+    return out
 
 
 def test_a_diagnosis_says_so_and_names_no_lost_samples():
