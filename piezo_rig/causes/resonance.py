@@ -11,7 +11,8 @@ velocity, amplitude velocity / (2 pi frequency); nothing in smooth waveforms far
 
 Remedy: Stay clear of the frequency, round the corners of the drive, or stiffen the mount.
 
-Plausible: 0.3-1 kHz mounted, damping 0.01-0.1; higher for a bare stack.
+Plausible: 0.3-1 kHz mounted, damping 0.01-0.1; tens of kHz for a bare stack, of which a recording
+shows what is below two fifths of its rate.
 """
 
 from __future__ import annotations
@@ -26,13 +27,14 @@ from piezo_rig.chain.branches import Branches
 from piezo_rig.chain.increments import Increment, Operation
 from piezo_rig.chain.stage import Signal, Stage
 
-LOWEST_HZ, HIGHEST_HZ = 110.0, 2500.0  # below lies the hum
+LOWEST_HZ, HIGHEST_HZ = 110.0, 16_000.0  # below lies the hum; a bare stack rings far above
+MOUNTED_HZ = 2500.0  # up to which large ones are looked for in any case
 APART = 0.12  # neighbouring examples, relative
 DAMPING = 0.05
 MOST = 0.25  # damping: above it a mode hardly rings, and is a lag by another name
 FINER, DAMPINGS = 13, (0.01, 0.02, 0.05, 0.12)  # examples about the likeliest
 EXAMPLE = 0.01  # share
-AT_LARGE = np.geomspace(LOWEST_HZ, HIGHEST_HZ, 43)  # 8 % apart
+AT_LARGE = 0.075  # apart, relative
 DAMPED, SHARED = (0.01, 0.03, 0.1), (0.3, 1.0)
 LITTLE = 0.2  # of the displacement: what the base model does may be taken to pass such a mode
 NYQUIST = 0.5  # periods between samples
@@ -117,9 +119,11 @@ class Resonance(Cause):
         a travel rides on the mode, a small share of quite another one looks better.
         """
         if near is None:
+            highest = max(MOUNTED_HZ, self["frequency"])
+            count = int(np.ceil(np.log(highest / LOWEST_HZ) / AT_LARGE)) + 1
             return [
                 self.with_values(share=share, frequency=f, damping=DAMPED[1])
-                for f in AT_LARGE for share in SHARED
+                for f in np.geomspace(LOWEST_HZ, highest, count) for share in SHARED
             ]  # fmt: skip
         return [
             self.with_values(
