@@ -37,6 +37,7 @@ AMISS = 0.45  # of the noise: what is left beside it where something is amiss
 HARDLY = 1.0  # held-out error with a member, of that before
 LOSES = 1.001  # the same of the whole ladder, of that without the member
 NEXT_TO_NOTHING = 0.05  # log-likelihood of what is left with a member, of that without it
+FAR_MORE = 4.0  # times the squared noise, of what is held out and left without a member
 OF_WHAT_IT_TOOK = 0.5  # squared error: a table that leaves more only stands in for something
 WEAK, SHADOW = 10.0, 15.0  # d' and log-likelihood that leave an effect in doubt beside such laws
 
@@ -169,10 +170,16 @@ def faint(search: Search) -> None:
 def _explains_the_rest(search: Search, less: Fitted) -> bool:
     """Whether something is left without a member, and next to nothing of it with it.
 
-    What a base model gets wrong goes by many names, and none of them leaves nothing of it.
+    What a base model gets wrong goes by many names, and none of them leaves nothing of it. Nor
+    does any of them foretell nearly all of what was held out, where that is far more than noise:
+    a drift that a few cycles hardly show is most of what is wrong some cycles later.
     """
     if not search.helps(less, search.fitted):
         return False
+    noise = search.noise_nm**2
+    unseen, left = (search.error(0, f) ** 2 - noise for f in (less, search.fitted))
+    if unseen > FAR_MORE * noise and left <= NEXT_TO_NOTHING * unseen:
+        return True
     without = search.left_over(less)
     return without > 0.0 and search.left_over() <= NEXT_TO_NOTHING * without
 

@@ -8,7 +8,7 @@ import pytest
 
 from piezo_rig.causes import CAUSES
 from piezo_rig.chain import Elements, Maxwell, Model
-from piezo_rig.diagnosis import diagnose, refusals
+from piezo_rig.diagnosis import diagnose, refusals, spare
 from piezo_rig.studies.hidden import draw
 from tests.diagnosis.sliders import play, recorded
 
@@ -52,6 +52,22 @@ def test_a_small_effect_is_a_misfit_of_a_law_unless_it_leaves_nothing(
     assert refusals.of_a_law(search, with_it, "cycle-aging") is not None
     told = refusals.of_a_law(search, with_it, "cycle-aging", without)
     assert (told is not None) == refused
+
+
+@pytest.mark.parametrize(("with_it_nm", "without_nm", "kept"), [
+    (3.0, 12.0, True),  # nearly all of what was held out
+    (3.0, 4.0, False),  # of hardly more than noise
+    (6.0, 12.0, False),  # some of it
+])  # fmt: skip
+def test_what_foretells_nearly_all_that_was_held_out_is_kept(with_it_nm, without_nm, kept):
+    """A drift that a few cycles hardly show, though nothing stands out of what they leave."""
+    with_it, without = object(), object()
+    search = SimpleNamespace(
+        fitted=with_it, noise_nm=2.8, helps=lambda less, fitted: True,
+        error=lambda _, fitted: with_it_nm if fitted is with_it else without_nm,
+        left_over=lambda fitted=None: 0.0,
+    )  # fmt: skip
+    assert spare._explains_the_rest(search, without) == kept
 
 
 @pytest.mark.study
