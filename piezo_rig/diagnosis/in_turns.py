@@ -30,6 +30,7 @@ from piezo_rig.diagnosis.early import (
     credited,
     hum_again,
     hum_behind,
+    never_outliers,
     read_monitor,
 )
 from piezo_rig.diagnosis.early.mended import DROP, JUMP
@@ -126,6 +127,8 @@ class InTurns:
         while self._other_losses():
             heard = self.hums
             self._climb(brief=heard)
+        if self._never_outliers():
+            self._climb()
         if self.search.ladder.steps:
             if heard:
                 self._hum_again()
@@ -209,33 +212,53 @@ class InTurns:
         left = square_of(self.clean, model, alone)
         for step in steps:
             base = base.without(step.cause)
-        known = credited(self.early)
-        if any(s.cause == ClockRatio.id for s in steps):
+        known, others = credited(self.early), False
+        clock = any(s.cause == ClockRatio.id for s in steps)
+        if clock:
             self.tell("lost samples behind what looks like a clock")
-            behind, base = self._cleaned(base, left)
+            behind, there = self._cleaned(base, left)
             others = credited(behind) > known
-        elif known[0]:
+            base = there if others else base
+        if known[0] and not others:
             self.tell("lost samples counted once more")
             behind, there = self._cleaned(model, enough=BESIDE_ALL)
             mended = behind[-1].groups if behind else self.raw
             others = credited(behind)[0] != known[0] and (
                 square_of(mended, plainly(mended, there).point, alone) < BESIDE_ALL * left
             )
-        elif _far_off(self.clean, model, alone):
+        elif not clock and _far_off(self.clean, model, alone):
             self.tell("jumps and lost samples beside a better model")
             behind, there = self._cleaned(model)
             mended = behind[-1].groups if behind else self.raw
             others = _breaks(behind) > _breaks(self.early) and (
                 square_of(mended, plainly(mended, there).point, alone) < BESIDE_ALL * left
             )
-        else:
-            return False
         if others:
-            self.early = behind
-            self.whole = self._without(behind[-1].groups if behind else self.raw, base.model)
-            self.clean = at_one_phase(self.whole, plainly(self.whole, base).point.model)
-            self.start = plainly(self.clean, base)
+            self._begin_anew(behind, base)
         return others
+
+    def _begin_anew(self, early: list[Early], base: Point) -> None:
+        """With other things wrong with the recordings than the baseline had shown."""
+        self.early = early
+        self.whole = self._without(early[-1].groups if early else self.raw, base.model)
+        self.clean = at_one_phase(self.whole, plainly(self.whole, base).point.model)
+        self.start = plainly(self.clean, base)
+
+    def _never_outliers(self) -> bool:
+        """Whether what the baseline left looked like outliers, and there are none beside a model.
+        """
+        steps = [*self.search.monitored, *self.search.ladder.steps]
+        if not steps:
+            return False
+        base = self.search.ladder.last.point
+        others = never_outliers(self.raw, self.early, base.model)
+        if others is None:
+            return False
+        self.tell("what looked like outliers")
+        for step in steps:
+            base = base.without(step.cause)
+        self._begin_anew(others, base)
+        return True
 
     def _hum_behind(self) -> None:
         """Hum that what the baseline leaves had hidden."""

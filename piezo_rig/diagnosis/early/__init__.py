@@ -15,6 +15,7 @@ from piezo_rig.diagnosis.early.clean_up import (
     credited,
     hum_again,
     hum_behind,
+    never_outliers,
 )
 from piezo_rig.diagnosis.early.lines import find_line
 from piezo_rig.diagnosis.early.monitor import Reading, read_monitor
@@ -22,5 +23,5 @@ from piezo_rig.diagnosis.early.spikes import noise_floor_nm
 
 __all__ = [
     "HUM", "TRIED", "Early", "Reading", "clean_up", "credited", "find_line", "hum_again",
-    "hum_behind", "noise_floor_nm", "read_monitor",
+    "hum_behind", "never_outliers", "noise_floor_nm", "read_monitor",
 ]  # fmt: skip

@@ -39,7 +39,8 @@ LEADS = 0.05  # of what is left, that such a line must be
 class Early:
     """One cause that was found.
 
-    ``p_value`` is family-wise, ``groups`` are clean of it, ``events`` are all of its events.
+    ``p_value`` is family-wise, ``groups`` are clean of it, ``events`` are all of its events,
+    ``breaks`` what had to be mended.
     """
 
     cause: str
@@ -47,6 +48,7 @@ class Early:
     parameters: dict[str, Parameter]
     groups: Groups
     events: tuple[Event, ...] = ()
+    breaks: tuple[Break, ...] = ()
 
 
 def _believed(
@@ -144,7 +146,7 @@ def clean_up(
             mine = breaks.of(cause)
             p = min(1.0, min(b.p_value for b in mine) * count)
             events = events_of(before, mine, sweeps)
-            found.append(Early(cause, p, reported(cause, events), clean, events))
+            found.append(Early(cause, p, reported(cause, events), clean, events, tuple(mine)))
         point = refitted(clean, point)
         # gaps follow the model, which the breaks had spoilt
         clean = mended(before, [g.predicted(point.model) for g in clean.groups], breaks.breaks)
@@ -194,6 +196,23 @@ def credited(found: Sequence[Early]) -> tuple[int, int]:
     """
     lost = sum(round(e.size) for early in found if early.cause == DROP for e in early.events)
     return lost, -sum(len(early.events) for early in found if early.cause == OUTLIERS)
+
+
+def never_outliers(raw: Groups, found: Sequence[Early], model: Model) -> list[Early] | None:
+    """What was found but outliers, if beside a better model there are none; None if there are any.
+
+    A base that lacks a clock, or a mode that rings, leaves corners that look like some.
+    """
+    others = [early for early in found if early.cause != OUTLIERS]
+    if len(others) == len(found) or any(early.cause == HUM for early in others):
+        return None
+    predicted, clean, known = [g.predicted(model) for g in raw.groups], raw, list[Break]()
+    out = []
+    for early in others:
+        known += early.breaks
+        clean = mended(raw, predicted, known)
+        out.append(replace(early, groups=clean))
+    return None if find_spikes(clean, model).spikes else out
 
 
 def hum_behind(clean: Groups, model: Model, level: float, count: int) -> Early | None:
