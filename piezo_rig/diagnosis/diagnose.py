@@ -63,7 +63,7 @@ from piezo_rig.diagnosis.unexplained import (
     with_wandering,
 )
 from piezo_rig.diagnosis.unlike import within_what_is_wrong
-from piezo_rig.diagnosis.unsteady import unsteady
+from piezo_rig.diagnosis.unsteady import unsteady, unsteady_cycles
 from piezo_rig.diagnosis.wandering import AGEING, WANDERS, wandering
 from piezo_rig.identification import prepare
 from piezo_rig.run_file.sweep import Sweep
@@ -331,9 +331,12 @@ def _rest(
         ripple = find_ripple(clean, model)
     rest = with_ripple(rest, ripple, floor or space.sample_noise_nm)
     gain = unsteady(space.groups, space.whitener, model)
-    rest = with_gain(rest, gain, floor, by_laws_nm(rungs, AGEING))
+    rest = with_gain(rest, gain, floor or 0.0, by_laws_nm(rungs, AGEING))
     if refused.get(AGEING) == WANDERS:
         rest = with_wandering(rest, *wandering(space, last))
+    else:
+        gain = unsteady_cycles(space.groups, space.whitener, model)
+        rest = with_gain(rest, gain, noise_nm, by_laws_nm(rungs, AGEING), "cycles")
     rest = with_bursts(rest, bursts(space.groups, model), floor)
     return with_levels(rest, levels(clean))
 

@@ -176,18 +176,20 @@ def with_ripple(rest: Unexplained, ripple: Ripple | None, noise_nm: float) -> Un
 
 
 def with_gain(
-    rest: Unexplained, gain: Unsteady | None, floor_nm: float | None, of_ageing_nm: float = 0.0
-) -> Unexplained:
+    rest: Unexplained, gain: Unsteady | None, noise_nm: float, of_ageing_nm: float = 0.0,
+    what: str = "recordings",
+) -> Unexplained:  # fmt: skip
     """The verdict with a gain that differs between recordings or along them.
 
-    ``of_ageing_nm`` : rms that an ageing by an assumed law may have left of itself
+    ``of_ageing_nm`` : rms that an ageing by an assumed law may have left of itself; ``what``
+    differs
     """
     if gain is None or gain.p_value > LEVEL * LINES:
         return rest
-    text = (f"recordings of the same drive differ by {100.0 * gain.share:.2g} % of the "
+    text = (f"{what} of the same drive differ by {100.0 * gain.share:.2g} % of the "
             f"displacement, {_two(gain.rms_nm)} nm rms: the gain of amplifier or sensor is not "
             "steady")  # fmt: skip
-    least = float(np.hypot(SEEN * (floor_nm or 0.0), of_ageing_nm))
+    least = float(np.hypot(SEEN * noise_nm, of_ageing_nm))
     return _besides(rest, gain.p_value, gain.rms_nm, least, ("clock", "displacement"), text)
 
 

@@ -13,12 +13,12 @@ from piezo_rig.diagnosis.fit import Point, starting_model
 from piezo_rig.diagnosis.grouping import group_tracks
 from piezo_rig.diagnosis.noise import Spectrum
 from piezo_rig.diagnosis.unexplained import Unexplained, unexplained
-from piezo_rig.diagnosis.unsteady import Unsteady, unsteady
+from piezo_rig.diagnosis.unsteady import Unsteady, unsteady, unsteady_cycles
 from piezo_rig.diagnosis.whitening import CellWhitener
 from piezo_rig.identification import prepare
 from piezo_rig.run_file.sweep import Sweep
-from tests.diagnosis.sliders import play
-from tests.diagnosis.two_drives import LIMITS, session
+from tests.diagnosis.sliders import play, recorded
+from tests.diagnosis.two_drives import LIMITS, noise, session
 
 
 @pytest.mark.study
@@ -108,3 +108,36 @@ def test_a_gain_that_waves_through_a_random_walk_is_seen():
 
 def test_a_steady_gain_in_a_random_walk_is_none():
     assert of_walks(lambda time: 0.0 * time).p_value > 0.01
+
+
+def cycles(gain, colour="white", seed=8, cycle_hz=2.5) -> Unsteady | None:
+    """25 triangles in one recording of 10 s; ``gain`` : of time, what the sensor shows."""
+    rng, rate = np.random.default_rng(seed), 1000.0
+    time = np.arange(10_000) / rate
+    volts = 75.0 * (1.0 - np.abs(2.0 * ((cycle_hz * time) % 1.0) - 1.0))
+    seen = play(volts, LIMITS, 0.0016) * (1.0 + gain(time))
+    sweeps = [recorded(volts, seen + 4e-3 * noise(rng, time.size, colour), rate)]
+    groups = group_tracks(prepare(sweeps), sweeps)
+    start = Point(starting_model(groups, (), "classical"))
+    start = plainly(groups, start).point
+    whitener, _ = noise_of(groups, start, rng)
+    return unsteady_cycles(groups, whitener, start.model)
+
+
+@pytest.mark.parametrize(("colour", "size"), [("white", 2e-3), ("ar", 4e-3)])
+@pytest.mark.parametrize("cycle_hz", [2.5, 3.3])  # one that is no whole number of samples
+def test_a_gain_that_waves_from_cycle_to_cycle_is_seen(colour, size, cycle_hz):
+    """In slow noise, of which there is much at its frequencies, a larger one."""
+    found = cycles(lambda t: size * np.sin(2.0 * np.pi * 0.31 * t), colour, cycle_hz=cycle_hz)
+    assert found.p_value < 1e-4
+    assert found.share == pytest.approx(size / np.sqrt(2.0), rel=0.4)
+
+
+@pytest.mark.parametrize("colour", ["white", "ar"])
+@pytest.mark.parametrize("seed", range(4))
+def test_noise_is_no_gain_of_cycles(colour, seed):
+    assert cycles(lambda t: 0.0 * t, colour, seed).p_value > 0.002
+
+
+def test_too_few_cycles_say_nothing():
+    assert cycles(lambda t: 0.0 * t, cycle_hz=0.4) is None

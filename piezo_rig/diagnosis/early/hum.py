@@ -20,6 +20,7 @@ from piezo_rig.causes.mains_hum import FUNDAMENTALS_HZ, ORDERS
 from piezo_rig.chain import Model, Parameter, Stage
 from piezo_rig.diagnosis.chances import AS_HELD, chi2_above
 from piezo_rig.diagnosis.groups import Group, Groups
+from piezo_rig.diagnosis.periods import period_s
 
 FloatArray = NDArray[np.float64]
 OFF_HZ = np.linspace(-0.2, 0.2, 5)
@@ -29,7 +30,6 @@ AROUND = np.concatenate([-np.arange(4, 14), np.arange(4, 14)])  # resolution cel
 INDEPENDENT = 10.8  # of the 20 cells of a Hann-windowed background
 PADDED = 8
 LASTING = 0.1  # of a recording
-FEWEST, SAME = 3, 0.02  # periods in half of a recording; of its size, that they may differ by
 HANN = 1.5  # by which a Hann window widens the band
 NEAR_HZ, NEAR_CELLS = 0.06, 0.2  # about a frequency; of the resolution of the longest recording
 FINE, PARTS = 60, 32  # steps to either side, parts of a recording
@@ -268,30 +268,9 @@ def _combs(group: Group) -> tuple[tuple[float, ...], tuple[float, ...]]:
     often = tuple(found) or (0.5 / float(np.median(seconds)),)
     if np.ptp(steps) <= 1:
         return often, often
-    whole = _period_s(group)  # of all half loops together, as of several sines
+    whole = period_s(group)  # of all half loops together, as of several sines
     always = (1.0 / whole,) if whole is not None else ()
     return often + always, always
-
-
-def _period_s(group: Group) -> float | None:
-    """After how long the whole drive comes back, if it does so a few times once it is under way."""
-    drive = group.drive_v[group.drive_v.size // 2 :]
-    drive, n = drive - drive.mean(), drive.size
-    size = int(fft.next_fast_len(2 * n, real=True))
-    along = fft.irfft(np.abs(fft.rfft(drive, size)) ** 2, size)[:n]
-    below = np.concatenate([[0.0], np.cumsum(drive**2)])
-    # squared distance of the drive from itself so much later, where both are recorded
-    square = below[n - np.arange(n)] + below[n] - below[np.arange(n)]
-    apart = ((square - 2.0 * along) / np.arange(n, 0, -1))[: n // FEWEST + 1]
-    left = np.flatnonzero(apart > np.var(drive))
-    if not left.size:
-        return None
-    back = left[0] + np.flatnonzero(apart[left[0] :] < SAME**2 * np.var(drive))
-    if not back.size:
-        return None
-    near = back[back < back[0] + max(back[0] // 10, 2)]
-    best = near[int(np.argmin(apart[near]))]
-    return float(group.time_s[best] - group.time_s[0])
 
 
 def _line(rows: list[Row], f: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -10,10 +10,11 @@ import pytest
 from piezo_rig.causes import named_model
 from piezo_rig.chain import Parameter
 from piezo_rig.diagnosis.early import Early, hum_again
-from piezo_rig.diagnosis.early.hum import Row, _line, _period_s, find_hum
+from piezo_rig.diagnosis.early.hum import Row, _line, find_hum
 from piezo_rig.diagnosis.engine import plain_space
 from piezo_rig.diagnosis.fit import Point, starting_model
 from piezo_rig.diagnosis.grouping import group_tracks
+from piezo_rig.diagnosis.periods import period_s
 from piezo_rig.diagnosis.refit import refit
 from piezo_rig.identification import prepare
 from piezo_rig.run_file import Sweep
@@ -57,13 +58,13 @@ def baseline(groups):
     ((3.0, 4.0, 10.0), 1.0), ((5.0, 12.5), 0.4), ((2.0, 3.0 * np.sqrt(2.0)), None),
 ])  # fmt: skip
 def test_after_how_long_a_drive_comes_back(lines_hz, seconds):
-    found = _period_s(SimpleNamespace(drive_v=sines(*lines_hz), time_s=TIME))
+    found = period_s(SimpleNamespace(drive_v=sines(*lines_hz), time_s=TIME))
     assert found is None if seconds is None else found == pytest.approx(seconds, abs=1.5 / RATE)
 
 
 def test_a_wandering_drive_does_not_come_back():
     drive = np.cumsum(np.random.default_rng(3).standard_normal(TIME.size))
-    assert _period_s(SimpleNamespace(drive_v=drive, time_s=TIME)) is None
+    assert period_s(SimpleNamespace(drive_v=drive, time_s=TIME)) is None
 
 
 @pytest.mark.parametrize("lines_hz", [(50.0,), (20.0,), (3.0, 4.0, 6.0, 10.0, 21.0, 24.0)])
