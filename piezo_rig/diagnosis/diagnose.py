@@ -52,6 +52,7 @@ from piezo_rig.diagnosis.refit import settle
 from piezo_rig.diagnosis.ripples import find_ripple
 from piezo_rig.diagnosis.rungs import Gain, by_laws_nm, rungs_of
 from piezo_rig.diagnosis.scan import LEVEL
+from piezo_rig.diagnosis.slips import slips
 from piezo_rig.diagnosis.unexplained import (
     Unexplained,
     unexplained,
@@ -60,6 +61,7 @@ from piezo_rig.diagnosis.unexplained import (
     with_levels,
     with_line,
     with_ripple,
+    with_slips,
     with_wandering,
 )
 from piezo_rig.diagnosis.unlike import within_what_is_wrong
@@ -338,7 +340,8 @@ def _rest(
         gain = unsteady_cycles(space.groups, space.whitener, model)
         rest = with_gain(rest, gain, noise_nm, by_laws_nm(rungs, AGEING), "cycles")
     rest = with_bursts(rest, bursts(space.groups, model), floor)
-    return with_levels(rest, levels(clean))
+    rest = with_levels(rest, levels(clean))
+    return with_slips(rest, slips(space, last), noise_nm)
 
 
 def _on_the_scale_of(known: Groups, groups: Groups) -> Groups:

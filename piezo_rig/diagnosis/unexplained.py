@@ -18,6 +18,7 @@ from piezo_rig.diagnosis.refit import Fitted
 from piezo_rig.diagnosis.ripples import Ripple
 from piezo_rig.diagnosis.scan import LEVEL
 from piezo_rig.diagnosis.scores import score_generic
+from piezo_rig.diagnosis.slips import Slips
 from piezo_rig.diagnosis.space import Space
 from piezo_rig.diagnosis.unsteady import Unsteady
 
@@ -199,6 +200,16 @@ def with_wandering(rest: Unexplained, share: float, rms_nm: float) -> Unexplaine
             f"{_two(rms_nm)} nm rms, otherwise than with the count of its cycles")  # fmt: skip
     least = rest.allowance_nm
     return _besides(rest, rest.p_value, rms_nm, least, ("clock", "displacement"), text)
+
+
+def with_slips(rest: Unexplained, found: Slips | None, noise_nm: float) -> Unexplained:
+    """The verdict with steps where the drive turns, where nothing else stands out."""
+    if rest.detected or found is None or found.p_value > LEVEL * LINES:
+        return rest
+    text = (f"the displacement steps by {_two(found.step_nm)} nm rms where the drive turns, "
+            f"{_two(found.rms_nm)} nm rms in all: something slips or catches")  # fmt: skip
+    least = float(np.hypot(SEEN * noise_nm, rest.allowance_nm))
+    return _besides(rest, found.p_value, found.rms_nm, least, ("time_since_turn", "cycle"), text)
 
 
 def with_bursts(rest: Unexplained, bursts: Bursts | None, floor_nm: float | None) -> Unexplained:
