@@ -26,6 +26,7 @@ ABREAST = 2  # members that are left out at a time
 ONE_MORE = 20.0  # log-likelihood of a member at `LATER`: no detour has it for less
 ROUNDS = 2  # of detours
 DETOURS = 2  # at most, from one ladder
+FAR_LESS = 0.7  # held-out error with two causes, of that with neither
 RIVAL = 0.4  # score of a rival, of the member's own
 
 
@@ -126,7 +127,8 @@ def _without(search: Search, member: str, rng: np.random.Generator) -> tuple[Fit
 
 
 def together(search: Search, here: Fitted) -> bool:
-    """Take two causes at once, each of which spoils the other's fit, if nothing is then left.
+    """Take two causes at once, each of which spoils the other's fit, if nothing is then left, or far
+    less than before.
 
     The likeliest that was refused for its held-out error is put in, and what then fits best.
     """
@@ -144,9 +146,9 @@ def together(search: Search, here: Fitted) -> bool:
     good = np.flatnonzero(family < LATER)
     if not good.size or not other.take(first.fitted, found, good, family):
         return False
-    if len(other.causes) != len(search.causes) + 2 or other.left_over() or (
-        worse(other, other.fitted, here) is not None
-    ):  # fmt: skip
+    if len(other.causes) != len(search.causes) + 2 or worse(other, other.fitted, here) is not None:
+        return False
+    if search.error(0, other.fitted) > FAR_LESS * search.error(0, here) and other.left_over():
         return False
     search.steps, search.barred, search.rearranged = other.steps, other.barred, other.rearranged
     return True

@@ -37,7 +37,8 @@ AMISS = 0.45  # of the noise: what is left beside it where something is amiss
 HARDLY = 1.0  # held-out error with a member, of that before
 LOSES = 1.001  # the same of the whole ladder, of that without the member
 NEXT_TO_NOTHING = 0.05  # log-likelihood of what is left with a member, of that without it
-FAR_MORE = 4.0  # times the squared noise, of what is held out and left without a member
+MORE = 0.1  # of the squared noise, of what is held out and left without a member
+PLAIN = 50.0  # log-likelihood of a member that is dropped only if it does harm beyond doubt
 OF_WHAT_IT_TOOK = 0.5  # squared error: a table that leaves more only stands in for something
 WEAK, SHADOW = 10.0, 15.0  # d' and log-likelihood that leave an effect in doubt beside such laws
 
@@ -171,14 +172,14 @@ def _explains_the_rest(search: Search, less: Fitted) -> bool:
     """Whether something is left without a member, and next to nothing of it with it.
 
     What a base model gets wrong goes by many names, and none of them leaves nothing of it. Nor
-    does any of them foretell nearly all of what was held out, where that is far more than noise:
-    a drift that a few cycles hardly show is most of what is wrong some cycles later.
+    does any of them foretell nearly all of what was held out beside the noise: a drift that a few
+    cycles hardly show is most of what is wrong some cycles later.
     """
     if not search.helps(less, search.fitted):
         return False
     noise = search.noise_nm**2
     unseen, left = (search.error(0, f) ** 2 - noise for f in (less, search.fitted))
-    if unseen > FAR_MORE * noise and left <= NEXT_TO_NOTHING * unseen:
+    if unseen > MORE * noise and left <= NEXT_TO_NOTHING * unseen:
         return True
     without = search.left_over(less)
     return without > 0.0 and search.left_over() <= NEXT_TO_NOTHING * without
@@ -204,8 +205,9 @@ def idle(search: Search) -> bool:
     another member leaves: a table of its own beside others must help in any case, for it bends any
     way, and not leave as much as it takes.
     Nor is it for any of them to make the next recording worse to predict. (That it is hardly better
-    says little: a small fast effect is far below the error of a sample.) More than that is not
-    asked of what belongs to the base: without it others would stand in for it.
+    says little: a small fast effect is far below the error of a sample, and what else is amiss may
+    make it worse by as little; a plain one must do harm beyond doubt.) More than that is not asked
+    of what belongs to the base: without it others would stand in for it.
     """
     dropped = False
     while search.causes:
@@ -229,6 +231,7 @@ def idle(search: Search) -> bool:
                 kept = search.error(0, search.fitted) <= LOSES * search.error(0, less)
                 kept = kept or plain_bend(id, search.fitted, less)
                 kept = kept or like_no_other(search.fitted, less)
+                kept = kept or _plain(search, less)
             if kept:
                 continue
             rest = [s for s in search.steps if s.cause != id]
@@ -243,6 +246,12 @@ def idle(search: Search) -> bool:
         else:
             break
     return dropped
+
+
+def _plain(search: Search, less: Fitted) -> bool:
+    """Whether a model says far more than one without a member, and predicts no worse for sure."""
+    plainly = search.fitted.evidence > less.evidence + PLAIN
+    return plainly and not search.helps(search.fitted, less, False)
 
 
 def _gained_nothing(search: Search) -> list[str]:

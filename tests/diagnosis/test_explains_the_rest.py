@@ -56,8 +56,8 @@ def test_a_small_effect_is_a_misfit_of_a_law_unless_it_leaves_nothing(
 
 @pytest.mark.parametrize(("with_it_nm", "without_nm", "kept"), [
     (3.0, 12.0, True),  # nearly all of what was held out
-    (3.0, 4.0, False),  # of hardly more than noise
-    (6.0, 12.0, False),  # some of it
+    (3.0, 4.0, False), (6.0, 12.0, False),  # some of it
+    (2.8, 2.85, False),  # of hardly more than noise
 ])  # fmt: skip
 def test_what_foretells_nearly_all_that_was_held_out_is_kept(with_it_nm, without_nm, kept):
     """A drift that a few cycles hardly show, though nothing stands out of what they leave."""
@@ -68,6 +68,28 @@ def test_what_foretells_nearly_all_that_was_held_out_is_kept(with_it_nm, without
         left_over=lambda fitted=None: 0.0,
     )  # fmt: skip
     assert spare._explains_the_rest(search, without) == kept
+
+
+@pytest.mark.parametrize(("gained", "harms", "kept"), [
+    (300.0, False, True), (300.0, True, False), (20.0, False, False),
+])  # fmt: skip
+def test_what_says_much_is_dropped_only_if_it_does_harm_beyond_doubt(gained, harms, kept):
+    """A delay is far below the error of a sample, which something else rules."""
+    with_it, without = SimpleNamespace(evidence=gained), SimpleNamespace(evidence=0.0)
+    search = SimpleNamespace(fitted=with_it, helps=lambda *_: harms)
+    assert spare._plain(search, without) == kept
+
+
+@pytest.mark.study
+@pytest.mark.parametrize(("protocol", "seed"), [("walk", 9611), ("holds", 9610)])
+def test_a_delay_beside_what_rules_the_error(protocol, seed):
+    """The cases that asked for it: a direction law, and a lag as long as it beside a bend."""
+    case = draw("pair", seed, protocol, "white", 40.0, repeats=1)
+    out = diagnose(case.sweeps)
+    named = [{f.cause, *f.alternatives} for f in out.findings]
+    assert len(named) == 2
+    assert all(any(cause in found for found in named) for cause in case.truth.causes)
+    assert not out.unexplained.detected
 
 
 @pytest.mark.study
