@@ -280,6 +280,7 @@ class Search:
             if worth <= 0.0:
                 why = "once refitted it says no more than the model without it"
                 self.bar(id, here, why, MUCH_NEARER)
+                self.spoiled[id] = Step(id, float(family[i]), fitted)  # alone, that is
                 continue
             if fitted.evidence - here.evidence > LARGE:
                 fitted = converged(self.space, fitted)

@@ -127,10 +127,11 @@ def _without(search: Search, member: str, rng: np.random.Generator) -> tuple[Fit
 
 
 def together(search: Search, here: Fitted) -> bool:
-    """Take two causes at once, each of which spoils the other's fit, if nothing is then left, or far
-    less than before.
+    """Take two causes at once, each of which spoils the other's fit, if nothing is then left, or
+    far less than before.
 
-    The likeliest that was refused for its held-out error is put in, and what then fits best.
+    The likeliest that was refused for its held-out error, or that alone says nothing, is put in,
+    and what then fits best.
     """
     if search.aside or not search.spoiled:
         return False
@@ -147,6 +148,8 @@ def together(search: Search, here: Fitted) -> bool:
     if not good.size or not other.take(first.fitted, found, good, family):
         return False
     if len(other.causes) != len(search.causes) + 2 or worse(other, other.fitted, here) is not None:
+        return False
+    if _worth(other) < _worth(search) + NEEDED + ONE_MORE:
         return False
     if search.error(0, other.fitted) > FAR_LESS * search.error(0, here) and other.left_over():
         return False

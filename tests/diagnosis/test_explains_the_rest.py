@@ -93,6 +93,14 @@ def test_a_delay_beside_what_rules_the_error(protocol, seed):
 
 
 @pytest.mark.study
+def test_a_drift_that_alone_says_nothing_beside_an_extremum_law():
+    """The case that asked for it: each hides the other over ramps, and the dictionary has both."""
+    out = diagnose(draw("pair", 9700, "ramps", "white", 40.0).sweeps)
+    assert {f.cause for f in out.findings} == {"thermal-drift", "extremum-dependence"}
+    assert not out.unexplained.detected
+
+
+@pytest.mark.study
 def test_an_ageing_and_a_drift_are_no_creep_and_asymmetry():
     """80 sines in one sweep: a creep and loops that do not close take most of both."""
     time = np.arange(round(20.0 * RATE)) / RATE
