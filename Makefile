@@ -56,12 +56,12 @@ PLAYED = --protocols matrix,rates,holds --jobs 2
 
 study-diagnosis: $(READY)  ## hidden effects, pairs, triples, nulls and strangers, docs/diagnosis.md; two hours
 	mkdir -p $(ROWS)
-	$(HIDDEN) run $(PLAYED) --kinds null --seeds 9000:9020 --noises white,ar,1/f --out $(ROWS)/nulls.jsonl
-	$(HIDDEN) run $(PLAYED) --kinds $(EFFECTS) --seeds 9000 --noises white,ar,1/f --d-prime 40 --out $(ROWS)/effects.jsonl
-	$(HIDDEN) run $(PLAYED) --kinds drive-gain,sensor-scale --seeds 9000:9003 --noises white,1/f --d-prime 40 --baseline fixed:classical --out $(ROWS)/fixed.jsonl
-	$(HIDDEN) run --protocols matrix,rates,holds,ramps,walk,multisine,one --jobs 2 --kinds pair --seeds 9000:9004 --noises white,1/f --d-prime 40 --out $(ROWS)/pairs.jsonl
-	$(HIDDEN) run $(PLAYED) --kinds triple --seeds 9000:9003 --noises white,1/f --d-prime 40 --out $(ROWS)/triples.jsonl
-	$(HIDDEN) run $(PLAYED) --kinds stranger --seeds 9000:9006 --noises white --d-prime 60 --out $(ROWS)/strangers.jsonl
+	$(HIDDEN) run $(PLAYED) --kinds null --seeds 9800:9820 --noises white,ar,1/f --out $(ROWS)/nulls.jsonl
+	$(HIDDEN) run $(PLAYED) --kinds $(EFFECTS) --seeds 9800 --noises white,ar,1/f --d-prime 40 --out $(ROWS)/effects.jsonl
+	$(HIDDEN) run $(PLAYED) --kinds drive-gain,sensor-scale --seeds 9800:9803 --noises white,1/f --d-prime 40 --baseline fixed:classical --out $(ROWS)/fixed.jsonl
+	$(HIDDEN) run --protocols matrix,rates,holds,ramps,walk,multisine,one --jobs 2 --kinds pair --seeds 9800:9804 --noises white,1/f --d-prime 40 --out $(ROWS)/pairs.jsonl
+	$(HIDDEN) run $(PLAYED) --kinds triple --seeds 9800:9803 --noises white,1/f --d-prime 40 --out $(ROWS)/triples.jsonl
+	$(HIDDEN) run $(PLAYED) --kinds stranger --seeds 9800:9806 --noises white --d-prime 60 --out $(ROWS)/strangers.jsonl
 	$(HIDDEN) document $(addprefix $(ROWS)/,nulls.jsonl effects.jsonl fixed.jsonl pairs.jsonl triples.jsonl strangers.jsonl) --out docs/diagnosis.md
 
 study-recordings: $(READY)  ## real recordings in full, and tests too slow for every time; about 20 minutes

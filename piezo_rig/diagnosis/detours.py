@@ -147,7 +147,8 @@ def together(search: Search, here: Fitted) -> bool:
     good = np.flatnonzero(family < LATER)
     if not good.size or not other.take(first.fitted, found, good, family):
         return False
-    if len(other.causes) != len(search.causes) + 2 or worse(other, other.fitted, here) is not None:
+    more = len(other.causes) - len(search.causes)  # either may have been a way to the other only
+    if more not in (1, 2) or worse(other, other.fitted, here) is not None:
         return False
     if _worth(other) < _worth(search) + NEEDED + ONE_MORE:
         return False
