@@ -20,6 +20,7 @@ from piezo_rig.diagnosis.space import Space
 FloatArray = NDArray[np.float64]
 FEWEST = 8  # turning points of a recording
 MOST = 400  # of all; of more every so many are looked at
+AT_ONCE = 16  # steps that are thinned together: recordings may be long
 LITTLE = 1e-9  # squared length, of that of a column of unit length, that is no direction any more
 BESIDE_BASE = 0.05  # of a step that must be left beside what the base can do
 
@@ -126,8 +127,13 @@ def _steps(space: Space, piece: Piece, places: NDArray[np.int64]) -> FloatArray:
     mine = places[(places > piece.first) & (places < last - 1)]
     if not mine.size:
         return np.zeros((0, piece.end - piece.begin))
-    rows = (np.arange(group.drive_v.size) >= mine[:, None]).astype(float)
-    return space.groups.thinned(group, rows)[:, piece.begin : piece.end]
+    samples = np.arange(group.drive_v.size)
+    return np.vstack([
+        space.groups.thinned(group, (samples >= some[:, None]).astype(float))[
+            :, piece.begin : piece.end
+        ]
+        for some in np.split(mine, range(AT_ONCE, mine.size, AT_ONCE))
+    ])  # fmt: skip
 
 
 def _places(group: Group, between: bool) -> NDArray[np.int64]:
