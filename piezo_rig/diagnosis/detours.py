@@ -26,7 +26,7 @@ ABREAST = 2  # members that are left out at a time
 ONE_MORE = 20.0  # log-likelihood of a member at `LATER`: no detour has it for less
 ROUNDS = 2  # of detours
 DETOURS = 2  # at most, from one ladder
-FAR_LESS = 0.7  # held-out error with two causes, of that with neither
+FAR_LESS, PLAIN = 0.7, 100.0  # held-out error with two causes, of that with neither; worth of both
 RIVAL = 0.4  # score of a rival, of the member's own
 
 
@@ -128,7 +128,7 @@ def _without(search: Search, member: str, rng: np.random.Generator) -> tuple[Fit
 
 def together(search: Search, here: Fitted) -> bool:
     """Take two causes at once, each of which spoils the other's fit, if nothing is then left, or
-    far less than before.
+    they explain much of it.
 
     The likeliest that was refused for its held-out error, or that alone says nothing, is put in,
     and what then fits best.
@@ -152,7 +152,14 @@ def together(search: Search, here: Fitted) -> bool:
         return False
     if _worth(other) < _worth(search) + NEEDED + ONE_MORE:
         return False
-    if search.error(0, other.fitted) > FAR_LESS * search.error(0, here) and other.left_over():
+    if other.left_over() and not _much(search, here, other):
         return False
     search.steps, search.barred, search.rearranged = other.steps, other.barred, other.rearranged
     return True
+
+
+def _much(search: Search, here: Fitted, other: Search) -> bool:
+    """Whether two causes explain much of what is amiss, though not all of it."""
+    if search.error(0, other.fitted) < FAR_LESS * search.error(0, here):
+        return True
+    return _worth(other) > _worth(search) + PLAIN and search.helps(here, other.fitted, False)
