@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from piezo_rig.causes import CAUSES
 from piezo_rig.causes.cause import Cause
 from piezo_rig.diagnosis.bends import BEND, bend, with_own_bend
+from piezo_rig.diagnosis.confusion import APART
 from piezo_rig.diagnosis.detours import ONE_MORE, around, together
 from piezo_rig.diagnosis.fit import Point
 from piezo_rig.diagnosis.foretold import foretold, in_a_better_form
@@ -300,13 +301,24 @@ class Search:
                 return True
             self.rivals = [f for w, _, f in refits if f is not fitted and w > FAR_BEHIND * worth]
             rivals = {
-                result.ids[j]: float(result.ratio[j]) for w, j, _ in refits
-                if j != i and w > worth - NEEDED and not of_base(result.ids[j])
+                result.ids[j]: float(result.ratio[j]) for w, j, f in refits
+                if j != i and not of_base(result.ids[j])
+                and (w > worth - NEEDED or self.as_good(f, fitted, result.ids[j]))
             }
             self.accept(Step(id, float(family[i]), fitted, rivals))
             self.tidy()
             return True
         return foretold(self, here, found, refits, family) or any_close
+
+    def as_good(self, rival: Fitted, fitted: Fitted, id: str) -> bool:
+        """Whether a rival says hardly less than a model, and predicts what is held out no worse.
+
+        Causes whose difference has a d' below `confusion.APART` are not told apart; on the average
+        their likelihoods differ by half the square of that.
+        """
+        if CAUSES[id].has_elements or rival.evidence < fitted.evidence - 0.5 * APART**2:
+            return False
+        return self.error(0, rival) <= self.error(0, fitted)
 
     def may_go_on(self, id: str) -> bool:
         """Whether what a member brings along from before a recording may be all there is of it."""
