@@ -54,7 +54,7 @@ ROWS = build/study-diagnosis
 EFFECTS = initiation-stage,range-dependence,extremum-dependence,direction-asymmetry,creep,rate-dependence,cycle-aging,amplifier-lag,slew-limit,drive-clipping,sensor-clipping,time-skew,clock-ratio,thermal-drift,mains-hum,periodic-nonlinearity,outliers,fringe-jump,dropped-samples,remanence
 PLAYED = --protocols matrix,rates,holds --jobs 2
 
-study-diagnosis: $(READY)  ## hidden effects, pairs, triples, nulls and strangers, docs/diagnosis.md; two hours
+study-diagnosis: $(READY)  ## hidden effects, pairs, triples, nulls and strangers, docs/diagnosis.md; an hour
 	mkdir -p $(ROWS)
 	$(HIDDEN) run $(PLAYED) --kinds null --seeds 9800:9820 --noises white,ar,1/f --out $(ROWS)/nulls.jsonl
 	$(HIDDEN) run $(PLAYED) --kinds $(EFFECTS) --seeds 9800 --noises white,ar,1/f --d-prime 40 --out $(ROWS)/effects.jsonl
