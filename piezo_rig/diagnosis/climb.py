@@ -141,7 +141,8 @@ class Search:
     most: int = MOST  # members
     goal: float = -np.inf  # evidence, below which the climb is for nothing
     level: float = 1.0  # chance of a false alarm that is asked for, beside the usual ones
-    spoiled: dict[str, Step] = field(default_factory=dict)  # refused for their held-out error
+    # refused for their held-out error, or because alone they say nothing
+    spoiled: dict[str, Step] = field(default_factory=dict)
     safe: set[str] = field(default_factory=set)  # tables that nothing can stand in for
     errors: dict[tuple[int, int], tuple[float, Point]] = field(default_factory=dict)
     stop: Callable[[Fitted], bool] = lambda fitted: False
