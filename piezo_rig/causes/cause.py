@@ -117,6 +117,7 @@ class Cause(Stage):
     known_to : share of a level or a limit by which instruments agree at best: no interval of it
         is narrower
     bending : a level, beyond which a descent may begin better: elements bend to stay within it
+    sized : parameters that its effect is proportional to, of a cause with `shapes`
     leaves : share of its effect that its law may leave, rms: none is known better
     loosened : optional parameters that let go of its assumed law, and the size of an example: they
         are fitted where the effect is so large that what is left of it shows
@@ -141,6 +142,7 @@ class Cause(Stage):
     given: ClassVar[tuple[str, ...]] = ()
     beside_one_curve: ClassVar[tuple[str, ...]] = ()
     sharp: ClassVar[Mapping[str, float]] = {}
+    sized: ClassVar[tuple[str, ...]] = ()
     scanned: ClassVar[tuple[str, float]] = ("", 1.0)
     cuts_off: ClassVar[bool] = False
     lasting: ClassVar[str] = ""
@@ -214,6 +216,12 @@ class Cause(Stage):
     def otherwise(self) -> list[Stage]:
         """The same in other forms; a diagnosis takes one of those where it is plainly better."""
         return []
+
+    def shapes(self) -> dict[str, list[Stage]]:
+        """Laws of it that differ too much for a descent to lead from one to another, each with
+        places where it may begin, `sized` as in this one.
+        """
+        return {}
 
     def at_large(self, near: Stage | None = None) -> list[Stage]:
         """Where else a very large one may begin: a linear look from none of it may mislead.

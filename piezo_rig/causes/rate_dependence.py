@@ -2,10 +2,11 @@
 
 Physics: moving domain walls feel a viscous drag, so that the displacement lags behind by a
 length that grows with |dV/dt|, less than in proportion; exponents of 0.4 to 1 are reported.
-In one form the lag is the same all along a half loop. In the other the thresholds of all sliders
-widen with the speed (M. Al Janaideh and P. Krejci, IEEE/ASME Trans. Mechatronics 18 (2013) 1498),
-while the first spring follows the drive. Walls need a time to follow: the rate is taken over it, or
-the lag settles within it.
+In one form the lag is the same all along a half loop. In the others the thresholds of all sliders
+widen with the speed, by the same volts (M. Al Janaideh and P. Krejci, IEEE/ASME Trans. Mechatronics
+18 (2013) 1498) or by the same share of themselves (M. Al Janaideh, S. Rakheja and C.-Y. Su,
+Mechatronics 19 (2009) 656), while the first spring follows the drive. Walls need a time to follow:
+the rate is taken over it, or the lag settles within it.
 
 Shows as: loops that are wider where the drive is faster, everywhere but within milliseconds of
 a corner. At one fixed frequency the rate is proportional to the range.
@@ -19,18 +20,25 @@ Plausible: 10-100 nm at 300 V/s.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import cache
 from typing import ClassVar
 
 import numpy as np
 
 from piezo_rig.causes.cause import Cause, Context, FloatArray
-from piezo_rig.chain.branches import Branches
+from piezo_rig.chain.branches import Branches, sliders
 from piezo_rig.chain.increments import Increment, Operation
-from piezo_rig.chain.stage import Signal, Stage
+from piezo_rig.chain.stage import Parameter, Signal, Stage, Wider
+from piezo_rig.errors import InputError
 
 REFERENCE_V_PER_S = 300.0
+NONE = Parameter(0.0, "1")
 USUAL_S = 3e-3
 WINDOWS_S = (0.5e-3, 2e-3, 8e-3)
+AT_ONCE_S = 0.1e-3  # of thresholds that follow the speed at once: their corners are as sharp
+SHAPE_WINDOWS_S = (0.1e-3, 0.5e-3, 2e-3, 8e-3)
+SHAPE_EXPONENTS = ((0.4, 0.7, 1.0), (0.5, 0.75))  # of powers, and of lags that level off
+LEVELS, HALVED = (0.02, 0.98), 60  # exponents of lags that level off; bits to which one is found
 LONGEST_S = 0.03  # what takes longer to settle is creep
 LOW, HIGH = 0.4, 1.0  # exponents of the two examples
 LARGE_EXPONENTS, LARGE_TIMES = (0.4, 0.7, 1.0), (0.5, 1.0, 2.0, 4.0, 8.0)  # from which one begins
@@ -40,9 +48,11 @@ class RateDependence(Cause):
     """``lag_um`` at 300 V/s, and the ``exponent`` with which it grows.
 
     ``window_s`` : over which the rate is taken, or (``settles`` 1) within which the lag of the rate
-    at hand settles. ``widens`` : 1 where thresholds widen, by what makes ``lag_um`` at the
-    compliance ``um_per_v`` (the sliders' mean one by default); 0 where it is the same all along a
-    half loop
+    at hand settles. ``widens`` : 0 where the lag is the same all along a half loop; 1 where all
+    thresholds widen by the volts that make ``lag_um`` at the compliance ``um_per_v`` (the sliders'
+    mean one by default); 2 where they widen by the share ``lag_um`` of ``opens_um``, which is by
+    how much all sliders together are behind. ``levels_off`` : 1 where it grows with the logarithm
+    of 1 and the speed (of what is thermally activated), with ``exponent`` at 300 V/s
     """
 
     id = "rate-dependence"
@@ -52,9 +62,11 @@ class RateDependence(Cause):
     of_speed = True
     units: ClassVar[Mapping[str, str]] = {"lag_um": "um", "exponent": "1"}
     optional: ClassVar[Mapping[str, str]] = {
-        "window_s": "s", "widens": "1", "settles": "1", "um_per_v": "um/V",
+        "window_s": "s", "widens": "1", "settles": "1", "um_per_v": "um/V", "opens_um": "um",
+        "levels_off": "1",
     }  # fmt: skip
-    given: ClassVar[tuple[str, ...]] = ("widens", "settles", "um_per_v")
+    given: ClassVar[tuple[str, ...]] = ("widens", "settles", "um_per_v", "opens_um", "levels_off")
+    sized: ClassVar[tuple[str, ...]] = ("lag_um",)
     scanned: ClassVar[tuple[str, float]] = ("window_s", 2.0 ** (1 / 6))
     neutral: ClassVar[Mapping[str, float]] = {"exponent": 0.7}
     priors: ClassVar[Mapping[str, tuple[float, float]]] = {"exponent": (0.7, 0.2)}
@@ -72,7 +84,7 @@ class RateDependence(Cause):
 
     @property
     def moves_sliders(self) -> bool:
-        return self.widens
+        return self.widens or self.stretches
 
     def seen_by_sliders(self, signal: Signal, branches: Branches) -> FloatArray:
         from piezo_rig.chain.backlash import behind_each
@@ -80,8 +92,42 @@ class RateDependence(Cause):
         if not self.widens:
             return signal.drive_v
         drive = np.ascontiguousarray(signal.drive_v)
-        width = self.widens_by_v(branches) * np.abs(self._rate(signal)) ** self["exponent"]
+        width = self.widens_by_v(branches) * np.abs(self._drag(self._rate(signal)))
         return behind_each(signal.begins, drive, width)
+
+    def wider_by(self, signal: Signal) -> Wider | None:
+        if not self.stretches:
+            return None
+        rate = self._rate(signal)
+        still = signal.of_drive.get(
+            (self.id, "still", self.window), lambda: self._still_v(signal, rate)
+        )
+        return Wider(self.at_reference * np.abs(self._drag(rate)), still)
+
+    def _still_v(self, signal: Signal, rate: FloatArray) -> FloatArray:
+        """The drive where the rate changed its sign before a sample, else NaN; (n,).
+
+        Where the drive goes straight, the rate goes to its slope within the window.
+        """
+        still = np.full(rate.size, np.nan)
+        turned = 1 + np.flatnonzero(rate[:-1] * rate[1:] < 0.0)
+        turned = turned[~np.isin(turned, signal.begins)]
+        step_s = signal.time_s[turned] - signal.time_s[turned - 1]
+        step_v = signal.drive_v[turned] - signal.drive_v[turned - 1]
+        slope = step_v / step_s / REFERENCE_V_PER_S
+        after_s = self.window * np.log1p(-rate[turned - 1] / slope)
+        still[turned] = signal.drive_v[turned - 1] + step_v * np.clip(after_s / step_s, 0.0, 1.0)
+        return still
+
+    @property
+    def at_reference(self) -> float:
+        """Share by which thresholds are wider at `REFERENCE_V_PER_S`; of the last form."""
+        if "opens_um" not in self.parameters:
+            raise InputError(
+                "model-stage", "stage rate-dependence: opens_um is missing",
+                "the model file was written by hand", "give it, or identify the model again",
+            )
+        return self["lag_um"] / self["opens_um"]
 
     def widens_by_v(self, branches: Branches) -> float:
         """Volts by which thresholds widen at `REFERENCE_V_PER_S`; 0 in the other form."""
@@ -97,21 +143,35 @@ class RateDependence(Cause):
         return self["window_s"] if "window_s" in self.parameters else USUAL_S
 
     def act(self, signal: Signal) -> Signal:
-        if self.widens:
+        if self.moves_sliders:
             return signal
-        numbers = (self["lag_um"], self["exponent"], self.window, self.settles)
+        numbers = (self["lag_um"], self.growth, self.window, self.settles)
         lag = signal.of_drive.get((self.id, *numbers), lambda: self._lag(signal))
         return signal.with_displacement(signal.displacement_um - lag)
 
     def _lag(self, signal: Signal) -> FloatArray:
         size = signal.of_drive.get(
-            (self.id, "size", self["exponent"], self.window, self.settles),
+            (self.id, "size", self.growth, self.window, self.settles),
             lambda: self._settled(signal) if self.settles else self._drag(self._rate(signal)),
         )
         return np.asarray(self["lag_um"] * size)
 
     def _drag(self, rate: FloatArray) -> FloatArray:
-        return np.asarray(np.sign(rate) * np.abs(rate) ** self["exponent"])
+        size, grows = np.abs(rate), self.growth
+        if grows < 0.0:
+            size = np.log1p(-grows * size) / np.log1p(-grows)
+        else:
+            size = size**grows
+        return np.asarray(np.sign(rate) * size)
+
+    @property
+    def growth(self) -> float:
+        """The exponent; of a lag that levels off instead the speeds, of that at which it begins to,
+        in `REFERENCE_V_PER_S`, with the other sign.
+        """
+        if self.parameters.get("levels_off", NONE).value != 1.0:
+            return self["exponent"]
+        return -_times_beyond(self["exponent"])
 
     def _settled(self, signal: Signal) -> FloatArray:
         """The drag of what the drive does between samples, settling within the window; (n,)."""
@@ -126,10 +186,20 @@ class RateDependence(Cause):
 
     def otherwise(self) -> list[Stage]:
         usual = {"exponent": self.neutral["exponent"], "window_s": USUAL_S}
-        if self.widens:
+        if self.moves_sliders:
             return [self.with_values(widens=0.0, settles=s, **usual) for s in (0.0, 1.0)]
         return [self.with_values(settles=0.0 if self.settles else 1.0),
                 self.with_values(widens=1.0, **usual)]  # fmt: skip
+
+    def shapes(self) -> dict[str, list[Stage]]:
+        return {
+            f"{widens:g}, {levels:g}": [
+                self.with_values(widens=widens, levels_off=levels, settles=0.0, exponent=e,
+                                 window_s=w)
+                for e in exponents for w in SHAPE_WINDOWS_S
+            ]
+            for widens in self._forms for levels, exponents in enumerate(SHAPE_EXPONENTS)
+        }  # fmt: skip
 
     def at_large(self, near: Stage | None = None) -> list[Stage]:
         """In both forms, at other exponents, lags and windows.
@@ -143,23 +213,39 @@ class RateDependence(Cause):
                 lag_um=times * self["lag_um"], exponent=exponent, widens=widens, settles=0.0,
                 window_s=window_s,
             )
-            for widens in (0.0, 1.0) for exponent in LARGE_EXPONENTS for times in LARGE_TIMES
+            for widens in self._forms for exponent in LARGE_EXPONENTS for times in LARGE_TIMES
             for window_s in WINDOWS_S[1:]
         ]  # fmt: skip
 
     def increment(self, branches: Branches) -> Increment | str:
-        rest = (self["exponent"], self.window, REFERENCE_V_PER_S)
+        rest = (self.growth, self.window, REFERENCE_V_PER_S)
+        if self.stretches:
+            thresholds, weights = sliders(branches)
+            return Increment(Operation.STRETCH, (
+                self.at_reference, *rest, float(thresholds.size), *thresholds, *weights,
+            ))  # fmt: skip
         if self.widens:
             return Increment(Operation.WIDEN, (self.widens_by_v(branches), *rest))
         return Increment(Operation.DRAG, (self["lag_um"], *rest, float(self.settles)))
 
     @property
+    def _forms(self) -> tuple[float, ...]:
+        """What ``widens`` may be."""
+        return (0.0, 1.0, 2.0) if "opens_um" in self.parameters else (0.0, 1.0)
+
+    @property
     def widens(self) -> bool:
-        return "widens" in self.parameters and bool(self["widens"])
+        """Thresholds widen by the same volts."""
+        return self.parameters.get("widens", NONE).value == 1.0
+
+    @property
+    def stretches(self) -> bool:
+        """Thresholds widen by the same share of themselves."""
+        return self.parameters.get("widens", NONE).value == 2.0
 
     @property
     def settles(self) -> bool:
-        return "settles" in self.parameters and bool(self["settles"]) and not self.widens
+        return bool(self.parameters.get("settles", NONE).value) and not self.moves_sliders
 
     def _rate(self, signal: Signal) -> FloatArray:
         """Speed of the drive (n,), of `REFERENCE_V_PER_S`."""
@@ -176,12 +262,14 @@ class RateDependence(Cause):
     @classmethod
     def variants(cls, context: Context) -> list[list[Stage]]:
         speed = max(context.slew_v_per_s / REFERENCE_V_PER_S, 1e-9)
-        size, um_per_v = 3e-4 * context.travel_um, _mean_compliance(context.model.branches())
+        size, branches = 3e-4 * context.travel_um, context.model.branches()
+        um_per_v, opens_um = _mean_compliance(branches), _behind_um(branches)
+        forms = (0.0, 1.0, 2.0) if opens_um > 0.0 else (0.0, 1.0)
         return [
             [cls.of(None, lag_um=size / speed**e, exponent=e, window_s=w, widens=s,
-                    um_per_v=um_per_v)
+                    um_per_v=um_per_v, opens_um=opens_um)
              for e in (LOW, HIGH)]
-            for s in (0.0, 1.0) for w in WINDOWS_S
+            for s in forms for w in (WINDOWS_S if s < 2.0 else (AT_ONCE_S, *WINDOWS_S))
         ]  # fmt: skip
 
     @classmethod
@@ -195,6 +283,25 @@ class RateDependence(Cause):
         lag = max(total, 0.1) * slow * speed ** (LOW - exponent)
         kept = {n: trials[0][n] for n in cls.optional if n in trials[0].parameters}
         return cls.of(None, lag_um=lag, exponent=exponent, **kept)
+
+
+@cache
+def _times_beyond(exponent: float) -> float:
+    """x at which log(1 + x) grows with the power ``exponent`` of x; below 1."""
+    wanted, low, high = float(np.clip(exponent, *LEVELS)), -20.0, 60.0
+    for _ in range(HALVED):  # of the logarithm of x
+        x = np.exp(0.5 * (low + high))
+        if x / (1.0 + x) > wanted * np.log1p(x):
+            low = np.log(x)
+        else:
+            high = np.log(x)
+    return float(np.exp(low))
+
+
+def _behind_um(branches: Branches) -> float:
+    """By how much all sliders together are behind where all give way, um."""
+    thresholds, weights = sliders(branches)
+    return float(thresholds @ weights)
 
 
 def _mean_compliance(branches: Branches) -> float:

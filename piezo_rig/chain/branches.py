@@ -352,6 +352,16 @@ class Branches:
         return out
 
 
+def sliders(branches: Branches) -> tuple[FloatArray, FloatArray]:
+    """Thresholds V of the sliders of a later branch, and by how much each opens it, um/V; (m,)."""
+    first = branches.first_break_um * branches.first_slope_v_per_um
+    if not np.isfinite(first):
+        return np.empty(0), np.empty(0)
+    thresholds = 0.5 * (first + np.append(0.0, branches.rest.knots_v))
+    own = np.append(1.0 / branches.first_slope_v_per_um, branches.rest.compliance_um_per_v)
+    return thresholds, np.diff(own)
+
+
 def _steps(ends: FloatArray, begin: float = 0.0) -> FloatArray:
     """Widths (n,) of what ends there, one after the other."""
     steps = ends.copy()

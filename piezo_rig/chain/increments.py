@@ -14,8 +14,9 @@ from enum import IntEnum
 class Operation(IntEnum):
     """What a stage does to the signal at its place; the numbers that it takes, in order.
 
-    The first four and `BEND_DRIVE` act on the drive, `WIDEN` on what the sliders see of it, the
-    rest on the displacement.
+    The first four and `BEND_DRIVE` act on the drive, `WIDEN` on what the sliders see of it,
+    `STRETCH` on what they do, the rest on the displacement. An exponent below 0 is none, but
+    how many times the reference rate is the one at which a lag levels off, with the other sign.
     """
 
     GAIN = 0
@@ -47,6 +48,9 @@ class Operation(IntEnum):
     """from V, over V, coefficients V of u (u - 1) and u^2 (u - 1)"""
     GIVE_BACK = 13
     """share of the compliance right after a turning point, reach um"""
+    STRETCH = 14
+    """share at the reference rate, exponent, window s, reference rate V/s; how many sliders, their
+    thresholds V, by how much each opens the branch, um/V"""
 
 
 @dataclass(frozen=True)

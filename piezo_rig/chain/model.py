@@ -23,7 +23,7 @@ from piezo_rig.chain.drives import (
 from piezo_rig.chain.half_loops import HalfLoops, half_loops
 from piezo_rig.chain.maxwell import Maxwell
 from piezo_rig.chain.memo import Memo
-from piezo_rig.chain.stage import PLACES, Reads, Signal, Stage
+from piezo_rig.chain.stage import PLACES, Reads, Signal, Stage, Wider
 from piezo_rig.errors import InputError
 
 FloatArray = NDArray[np.float64]
@@ -239,12 +239,20 @@ class Model:
             loops = signal.of_drive.get("loops", partial(_loops_of, given, begins))
         elif branches.has_laws:
             loops = memo.get(self, ("loops", *key), lambda: _loops_of(driven, begins))
+        more = None
+        for stage in active:
+            wider = stage.wider_by(signal)
+            if wider is not None:
+                added = partial(_wider_um, branches, begins, given, wider)
+                more = memo.get(self, ("wider", *key), added)
         key = (*key, *(id(s) for s in self.stages if type(s).shape is not Stage.shape), "kernel",
                id(self.maxwell))  # fmt: skip
         at_rest = signal
         signal = memo.get(
             self, key,
-            lambda: at_rest.with_displacement(_moved(branches, given, driven, begins, loops)),
+            lambda: at_rest.with_displacement(
+                _moved(branches, given, driven, begins, loops, more)
+            ),
         )  # fmt: skip
         for stage in active:
             if stage.place == "actuator" or (stage.place != "drive" and not free_end):
@@ -260,12 +268,25 @@ def _loops_of(drive: FloatArray, begins: NDArray[np.int64]) -> list[HalfLoops]:
     return [half_loops(part) for part in np.split(drive, begins[1:])]
 
 
+def _wider_um(
+    branches: Branches, begins: NDArray[np.int64], drive: FloatArray, wider: Wider
+) -> FloatArray:
+    from piezo_rig.chain.widening import wider_um
+
+    return wider_um(branches, begins, drive, wider)
+
+
 def _moved(
     branches: Branches, drive: FloatArray, seen: FloatArray, begins: NDArray[np.int64],
-    loops: Sequence[HalfLoops],
+    loops: Sequence[HalfLoops], more: FloatArray | None,
 ) -> FloatArray:
-    """Displacement where the first spring follows one drive and the sliders another one."""
+    """Displacement where the first spring follows one drive and the sliders another one.
+
+    ``more`` : um, of sliders that widen one by one
+    """
     moved = branches.moved(seen, begins, loops)
+    if more is not None:
+        moved += more
     if seen is drive:
         return moved
     return moved + since_begun(drive - seen, begins) / branches.first_slope_v_per_um

@@ -50,6 +50,25 @@ class Reads(NamedTuple):
     scale_um: float
 
 
+class Wider(NamedTuple):
+    """By how much the thresholds of all sliders are wider, sample by sample.
+
+    Attributes
+    ----------
+    share : shape (n,), of themselves
+    still_v : shape (n,), the drive at which they were not, on the way from the sample before; NaN
+        where they were all the way
+    """
+
+    share: FloatArray
+    still_v: FloatArray
+
+    def after(self, count: int) -> Wider:
+        """Behind so many samples at which they are not wider."""
+        return Wider(*(np.concatenate([np.full(count, v), own])
+                       for v, own in zip((0.0, np.nan), self, strict=True)))  # fmt: skip
+
+
 class Kept:
     """What was made of something that stays as it is; the latest few things."""
 
@@ -183,6 +202,10 @@ class Stage:
     def seen_by_sliders(self, signal: Signal, branches: Branches) -> FloatArray:
         """The drive (n,) that the sliders follow; the first spring follows the drive itself."""
         return signal.drive_v
+
+    def wider_by(self, signal: Signal) -> Wider | None:
+        """By how much the thresholds of all sliders are wider; None where they stay."""
+        return None
 
     def preface(self, before: Sequence[FloatArray]) -> FloatArray:
         """Volts (k,) that leave a virgin actuator with what it remembers of drives before this one.

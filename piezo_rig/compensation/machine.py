@@ -24,13 +24,15 @@ from numpy.typing import NDArray
 from piezo_rig.compensation.operations import (
     MEMORY,
     SMALLEST_V,
+    STRETCH,
     WIDEN,
     begin,
     prepare,
     step,
+    stretched,
     widened,
 )
-from piezo_rig.compensation.tables import NUMBERS, Tables
+from piezo_rig.compensation.tables import Tables
 
 FloatArray = NDArray[np.float64]
 
@@ -72,10 +74,11 @@ class State(NamedTuple):
 
 def new_state(tables: Tables, room: int = 64) -> State:
     """An empty state, with room for that many turning points."""
-    m, e = tables.kinds.size, tables.widths_um.size
+    (m, numbers), e = tables.numbers.shape, tables.widths_um.size
+    memory = max(MEMORY, numbers)
     return State(
-        np.zeros(11), np.zeros(6, np.int64), np.zeros((m, MEMORY)), np.zeros((m, MEMORY)),
-        np.zeros((m, NUMBERS)), np.zeros(room), np.zeros((room, e)), np.zeros((room, e)),
+        np.zeros(11), np.zeros(6, np.int64), np.zeros((m, memory)), np.zeros((m, memory)),
+        np.zeros((m, numbers)), np.zeros(room), np.zeros((room, e)), np.zeros((room, e)),
         np.zeros(room + 1, np.int64),
     )  # fmt: skip
 
@@ -137,13 +140,16 @@ def attempt(t, s, drive):
     w = drive
     for j in range(t.drives):
         w = step(t.kinds[j], t.numbers[j], t.caps[j], s.cache[j], s.memory[j], s.fresh[j], w, w)
-    seen = w
+    seen, more = w, 0.0
     if t.widen >= 0:
         j = t.widen
-        seen = widened(t.numbers[j], t.caps[j], s.cache[j], s.memory[j], s.fresh[j], w)
-    x = _springs(t, s, seen) + (w - seen) * t.first_compliance
+        if t.kinds[j] == WIDEN:
+            seen = widened(t.numbers[j], t.caps[j], s.cache[j], s.memory[j], s.fresh[j], w)
+        else:
+            more = stretched(t.numbers[j], t.caps[j], s.cache[j], s.memory[j], s.fresh[j], w)
+    x = _springs(t, s, seen) + (w - seen) * t.first_compliance + more
     for j in range(t.drives, t.kinds.size):
-        if t.kinds[j] != WIDEN:
+        if t.kinds[j] != WIDEN and t.kinds[j] != STRETCH:
             x = step(t.kinds[j], t.numbers[j], t.caps[j], s.cache[j], s.memory[j], s.fresh[j], x, w)
     return x - s.scalars[ZERO]
 

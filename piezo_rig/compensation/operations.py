@@ -18,7 +18,7 @@ CREPT_AT, CREPT_FROM = MEMORY - 2, MEMORY - 1  # of a creep: where it is, where 
 
 # of `Operation`; compiled code reads plain numbers
 GAIN, CLIP, SLEW, LAG, WIDEN, BEND, DRAG, RELAX, MODE, AGE, STOP = range(11)
-BEND_DISPLACEMENT, BEND_DRIVE, GIVE_BACK = 11, 12, 13
+BEND_DISPLACEMENT, BEND_DRIVE, GIVE_BACK, STRETCH = 11, 12, 13, 14
 # of what is given back: displacement, turning points, its way, what it has beyond all of them,
 # what it has; then where each turning point is and what was had there
 DEPTH, WAY, BEYOND, HAS, TURNS = 1, 2, 3, 4, 5
@@ -40,10 +40,11 @@ def begin(kind, n, new, x, drive):
     if kind == DRAG and n[4] > 0.0:
         new[1] = drive
         return x
-    if kind in (DRAG, WIDEN):
-        new[0] = drive
-        new[1] = drive
-        new[2] = drive
+    if kind in (DRAG, WIDEN, STRETCH):
+        for k in range(3 if kind != STRETCH else 3 + 2 * int(n[4])):
+            new[k] = drive
+        if kind == STRETCH:
+            new[2] = 0.0
         return x
     if kind == BEND:
         return x + _bend(n, drive)
@@ -81,7 +82,7 @@ def prepare(kind, n, step_s, cache):
         cache[0] = n[0] * step_s
     elif kind == LAG:
         _first_order(n[0], step_s, cache)
-    elif kind in (DRAG, WIDEN):
+    elif kind in (DRAG, WIDEN, STRETCH):
         _first_order(n[2], step_s, cache)
         cache[2] = step_s
     elif kind == RELAX:
@@ -158,6 +159,33 @@ def widened(n, cap, cache, old, new, drive):
 
 
 @numba.njit(cache=True)
+def stretched(n, cap, cache, old, new, drive):
+    """What sliders add whose thresholds widen by a share.
+
+    Memory: what the rate is taken from, the rate, every slider as it is, every one widened.
+    """
+    rate = (drive - _follow(cache, old, new, drive)) / n[2] / n[3]
+    times, m, total = 1.0 + _drag(n, cap, rate), int(n[4]), 0.0
+    turned, still = old[2] * rate < 0.0, drive
+    if turned:
+        moved = drive - old[1]
+        share = n[2] / cache[2] * math.log1p(-old[2] * cache[2] * n[3] / moved)
+        still = old[1] + moved * min(max(share, 0.0), 1.0)
+    for k in range(m):
+        r = n[5 + k]
+        plain = min(max(old[3 + k], drive - r), drive + r)
+        wide = old[3 + m + k]
+        if turned:
+            wide = min(max(wide, still - r), still + r)
+        wide = min(max(wide, drive - times * r), drive + times * r)
+        new[3 + k] = plain
+        new[3 + m + k] = wide
+        total += n[5 + m + k] * (wide - plain)
+    new[2] = rate
+    return total
+
+
+@numba.njit(cache=True)
 def _limited(out, before, x, most):
     """As far as it gets in a step towards a drive that goes straight, and may be met on the way."""
     gap, moved = before - out, x - before
@@ -182,7 +210,8 @@ def _follow(cache, old, new, x):
 @numba.njit(cache=True)
 def _drag(n, cap, rate):
     size = abs(rate)
-    return min(n[0] * size ** n[1], cap * size)
+    grown = size ** n[1] if n[1] >= 0.0 else math.log1p(-n[1] * size) / math.log1p(-n[1])
+    return min(n[0] * grown, cap * size)
 
 
 @numba.njit(cache=True)

@@ -17,7 +17,8 @@ from piezo_rig.chain.increments import Increment, Operation
 from piezo_rig.errors import InputError
 
 FloatArray = NDArray[np.float64]
-NUMBERS = 56  # of one operation at most: the stops of an asymmetry, and four more
+NUMBERS = 56  # of most operations at most: the stops of an asymmetry, and four more
+SLIDERS = (Operation.WIDEN, Operation.STRETCH)
 ROUNDING_V = 5e-9
 STEADY = 0.8  # share of the way to where a drag would move an actuator against its drive
 
@@ -28,7 +29,7 @@ class Tables(NamedTuple):
     Attributes
     ----------
     kinds : shape (m,), `Operation`
-    numbers : shape (m, NUMBERS)
+    numbers : shape (m, NUMBERS), or more where one needs them
     caps : shape (m,); most that a drag, or a width, may grow with the rate, per reference rate; of
         ageing, the dead band
     drives : how many of the operations act on the drive; they are the first
@@ -95,19 +96,23 @@ def tables_of(model: Model, steady: bool, dead_band_v: float = ROUNDING_V) -> Ta
                 "not-stepwise", f"stage {stage.id} has no form sample by sample: {increment}",
                 "", "take it out of the model",
             )
-        if increment.operation is Operation.WIDEN:
+        if increment.operation in SLIDERS:
             widen = len(kinds)
         drives += stage.place == "drive"
         kinds.append(int(increment.operation))
-        rows.append(np.pad(np.array(increment.numbers), (0, NUMBERS - len(increment.numbers))))
-    numbers = np.array(rows).reshape(-1, NUMBERS)
+        rows.append(np.array(increment.numbers))
+    numbers = np.zeros((len(rows), max([NUMBERS, *(row.size for row in rows)])))
+    for j, row in enumerate(rows):
+        numbers[j, : row.size] = row
     compliance = min(float(branches.initiation.compliance_um_per_v.min()), 1.0 / slopes.max(),
                      float(np.min(rest.compliance_um_per_v, initial=np.inf)))  # fmt: skip
     caps = np.full(len(kinds), np.inf)
     for j, kind in enumerate(kinds):
-        if steady and kind in (Operation.DRAG, Operation.WIDEN):
+        if steady and kind in (Operation.DRAG, *SLIDERS):
             caps[j] = STEADY * numbers[j, 2] * numbers[j, 3]
             caps[j] *= compliance if kind == Operation.DRAG else 1.0
+            if kind == Operation.STRETCH:  # the widest of them
+                caps[j] /= np.max(numbers[j, 5 : 5 + int(numbers[j, 4])], initial=1e-9)
         elif kind == Operation.AGE:
             caps[j] = dead_band_v
     return Tables(

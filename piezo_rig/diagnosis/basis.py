@@ -11,8 +11,10 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from piezo_rig.chain import Model, Signal
+from piezo_rig.chain import Branches, Model, Signal
+from piezo_rig.chain.branches import sliders
 from piezo_rig.chain.drives import LONG_AGO_S, preceded
+from piezo_rig.chain.stage import Wider
 from piezo_rig.diagnosis.groups import Group
 from piezo_rig.diagnosis.left_before import played_before
 
@@ -48,10 +50,12 @@ def _bands(model: Model, group: Group, played: FloatArray) -> FloatArray:
         if stage.place == "drive":
             signal = stage.act(signal)
     drive = np.ascontiguousarray(signal.drive_v)
-    seen = drive
+    seen, wider = drive, None
     for stage in model.stages:
         if stage.moves_sliders:
             seen = stage.seen_by_sliders(signal, model.branches())
+            by = stage.wider_by(signal)
+            wider = None if by is None else _wider(branches, drive, by)
     walk = branches.walk(seen)
     first = branches.initiation.compliance_um_per_v.size
     later = 1 + branches.rest.compliance_um_per_v.size
@@ -73,5 +77,17 @@ def _bands(model: Model, group: Group, played: FloatArray) -> FloatArray:
             kernels.fill(seen, walk.ints, walk.floats, first, rise, slope, branch[1:], out)
             if branch[0]:  # the first spring follows the drive itself
                 out += drive - seen
+            if wider is not None and stage.id == "maxwell":
+                out += wider[k]
             rows.append(out[before:] - out[before])
     return np.array(rows)
+
+
+
+def _wider(branches: Branches, drive: FloatArray, by: Wider) -> FloatArray:
+    """What widening thresholds add to the bands of a later branch, V, shape (bands, n)."""
+    from piezo_rig.chain.widening import each_wider_v
+
+    thresholds, _ = sliders(branches)
+    each = each_wider_v(thresholds, np.zeros(1, np.int64), drive, by)
+    return np.asarray(-np.diff(each, axis=0, prepend=0.0, append=0.0))

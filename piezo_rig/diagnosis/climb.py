@@ -33,6 +33,7 @@ from piezo_rig.diagnosis.refit import Fitted, refit, settle
 from piezo_rig.diagnosis.refusals import OF_THE_MISFIT, carrying, of_a_corner, of_a_law, worse
 from piezo_rig.diagnosis.scan import LATER, LEVEL, RUN_OFF, Found, Scan, of_base, scan
 from piezo_rig.diagnosis.scores import score_generic
+from piezo_rig.diagnosis.shapes import in_another_shape
 from piezo_rig.diagnosis.space import Space
 from piezo_rig.diagnosis.spare import AMISS, NEEDED, clear, faint, far_off, idle, one_by_one, prune
 from piezo_rig.errors import InputError
@@ -373,6 +374,7 @@ class Search:
                 if fitted.evidence > self.fitted.evidence + NEEDED:
                     self.steps[-1] = replace(self.steps[-1], fitted=fitted)
             fitted = in_another_form(self.space, self.fitted, id)
+            fitted = in_another_shape(self.space, fitted, id)
             self.steps[-1] = replace(self.steps[-1], fitted=fitted)
 
     def reach_anew(self, id: str) -> None:

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from piezo_rig.causes.cause import NEAR, Cause
 from piezo_rig.chain import Model, Signal, Stage
+from piezo_rig.chain.stage import Wider
 from piezo_rig.diagnosis import basis, dictionary, held
 from piezo_rig.diagnosis.dictionary import Scales
 from piezo_rig.diagnosis.fit import Point
@@ -207,14 +208,14 @@ class Columns:
         self, index: int, driven: Group, model: Model
     ) -> tuple[FloatArray, FloatArray]:
         """Powers and fine thresholds of a group's drive as it is delivered, thinned."""
-        slid = _as_sliders_see(driven, model)
+        slid, wider = _as_sliders_see(driven, model)
 
         def made() -> tuple[FloatArray, FloatArray]:
-            plays = dictionary.fine(slid, self.scales, self.first_rise, model)
+            plays = dictionary.fine(slid, self.scales, self.first_rise, model, wider)
             powers = dictionary.powers(driven, self.scales)
             return self.groups.thinned(driven, powers), self.groups.thinned(driven, plays)
 
-        if slid is not self.groups.groups[index]:
+        if wider is not None or slid is not self.groups.groups[index]:
             return made()
         return self._kept_of(("drive", index, self.first_rise, left_before(model)), made)
 
@@ -359,14 +360,19 @@ def _driven(group: Group, model: Model) -> Group:
     return replace(group, drive_v=np.ascontiguousarray(signal.drive_v), denser=None)
 
 
-def _as_sliders_see(driven: Group, model: Model) -> Group:
-    """A group whose drive is delivered with the drive that sliders follow."""
+def _as_sliders_see(driven: Group, model: Model) -> tuple[Group, Wider | None]:
+    """A group whose drive is delivered with the drive that sliders follow, and by how much each of
+    them is wider.
+    """
     for stage in model.stages:
         if stage.moves_sliders:
             signal = Signal(driven.time_s, driven.drive_v, np.zeros(0))
+            wider = stage.wider_by(signal)
+            if wider is not None:
+                return driven, wider
             seen = stage.seen_by_sliders(signal, model.branches())
-            return replace(driven, drive_v=np.ascontiguousarray(seen), denser=None)
-    return driven
+            return replace(driven, drive_v=np.ascontiguousarray(seen), denser=None), None
+    return driven, None
 
 
 def _with_tables(model: Model, of: Model) -> Model:

@@ -15,6 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from piezo_rig.chain import Model, Signal, Stage
+from piezo_rig.chain.stage import Wider
+from piezo_rig.chain.widening import each_wider_v
 from piezo_rig.diagnosis.groups import Group
 from piezo_rig.diagnosis.left_before import played_before
 
@@ -65,16 +67,18 @@ def fine_thresholds(scales: Scales) -> tuple[FloatArray, FloatArray]:
 
 
 def fine(
-    group: Group, scales: Scales, first_rise: bool, model: Model | None = None
+    group: Group, scales: Scales, first_rise: bool, model: Model | None = None,
+    wider: Wider | None = None,
 ) -> FloatArray:
     """Play operators, weighted; with ``first_rise`` also steps of the first rise.
 
-    ``model`` : says what they remember of the drives before
+    ``model`` : says what they remember of the drives before; ``wider`` : by how much
+    all thresholds are
     """
     r, cell = fine_thresholds(scales)
     begun = played_before(model, group) if model else [(1.0, np.empty(0))]
     plays = cell[:, None] * sum(
-        share * _plays(np.concatenate([volts, group.drive_v]), r)[:, volts.size :]
+        share * _widened(np.concatenate([volts, group.drive_v]), r, wider)[:, volts.size :]
         for share, volts in begun
     )
     if not first_rise:
@@ -84,6 +88,15 @@ def fine(
         reach = np.zeros_like(reach)
     steps = 2.0 * r[::2, None]
     return np.concatenate([plays, np.minimum(reach, steps) * 2.0 * cell[::2, None]])
+
+
+def _widened(drive_v: FloatArray, r: FloatArray, wider: Wider | None) -> FloatArray:
+    """Play operators (k, n) whose thresholds are wider at the last so many samples."""
+    plays = np.asarray(_plays(drive_v, r))
+    if wider is None:
+        return plays
+    wider = wider.after(drive_v.size - wider.share.size)
+    return plays + each_wider_v(r, np.zeros(1, np.int64), drive_v, wider)
 
 
 def carries(stage: Stage) -> bool:

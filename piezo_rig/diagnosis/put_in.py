@@ -26,6 +26,7 @@ from piezo_rig.diagnosis.forms import (
 from piezo_rig.diagnosis.needed import does_nothing, needless
 from piezo_rig.diagnosis.refit import Fitted, refit, refit_either_way, settle, square_of
 from piezo_rig.diagnosis.scan import Form, Found, extended, of_base
+from piezo_rig.diagnosis.shapes import in_another_shape
 from piezo_rig.diagnosis.space import Space
 from piezo_rig.errors import InputError
 
@@ -249,6 +250,7 @@ def refitted(
         fitted = beside_kinks(space, fitted, candidate.id)
         fitted = as_late(space, fitted, candidate.id)
         fitted = in_another_form(space, fitted, candidate.id)
+        fitted = in_another_shape(space, fitted, candidate.id)
         if promised > LARGE:
             fitted = by_least_squares(space, point, fitted, candidate.id)
         if of_base(candidate.id):

@@ -28,6 +28,7 @@ from piezo_rig.causes.sensor_scale import SensorScale
 from piezo_rig.causes.slew_limit import SlewLimit
 from piezo_rig.causes.time_skew import TimeSkew
 from piezo_rig.chain.bend import POWERS, Bend
+from piezo_rig.chain.branches import sliders
 from piezo_rig.chain.stage import Stage
 from piezo_rig.model_export.c_asymmetry import direction_asymmetry
 from piezo_rig.model_export.c_part import Part, Place
@@ -109,21 +110,24 @@ def _rate_dependence(stage: Stage, at: Place) -> Part:
     if stage.settles:
         return _settling_drag(stage, at)
     lag = _lag(at, stage.window)
-    rate, exponent = at.own("rate"), number(stage["exponent"])
+    rate = at.own("rate")
+    grown = _grown(stage, f"s->{rate}")
     begin = f"""\
 {lag.step}
 s->{rate} = -s->{at.own('off')} / {number(stage.window)} / {number(REFERENCE_V_PER_S)};
 """
     members = f"{lag.members}\ndouble {rate};"
+    if stage.stretches:
+        return _stretching(stage, at, members, begin)
     if not stage.widens:
         return Part(members=members, step=begin + f"""\
 x -= {number(stage['lag_um'])} * (s->{rate} < 0.0 ? -1.0 : 1.0)
-     * pow(fabs(s->{rate}), {exponent});""")
+     * {grown};""")
     seen, width = at.own("seen"), at.own("width")
     return Part(
         members=f"{members}\ndouble {seen}, {width};",
         step=begin + f"""\
-s->{width} = {number(stage.widens_by_v(at.branches))} * pow(fabs(s->{rate}), {exponent});
+s->{width} = {number(stage.widens_by_v(at.branches))} * {grown};
 if (!s->begun)
     s->{seen} = v;
 if (s->{seen} < v - s->{width})
@@ -131,6 +135,67 @@ if (s->{seen} < v - s->{width})
 if (s->{seen} > v + s->{width})
     s->{seen} = v + s->{width};
 seen = s->{seen};""",
+    )
+
+
+def _grown(stage: RateDependence, rate: str) -> str:
+    """A lag at a rate, of that at the reference rate."""
+    grows = stage.growth
+    if grows >= 0.0:
+        return f"pow(fabs({rate}), {number(grows)})"
+    return f"log(1.0 + {number(-grows)} * fabs({rate})) / {number(math.log1p(-grows))}"
+
+
+def _stretching(stage: RateDependence, at: Place, members: str, begin: str) -> Part:
+    thresholds, weights = sliders(at.branches)
+    name, n = f"{at.name}_{at.index}", thresholds.size
+    plain, wide, earlier, drive, rate = (
+        at.own(word) for word in ("plain", "wide", "earlier", "drive", "rate")
+    )
+    return Part(
+        tables="\n".join((
+            "/* Sliders that widen with the speed: threshold, V, and what each opens, um/V. */",
+            array(f"{name}_threshold", thresholds),
+            array(f"{name}_opens", weights),
+        )),
+        members=f"{members}\ndouble {plain}[{n}], {wide}[{n}], {earlier}, {drive};",
+        step=begin + f"""\
+{{
+    int k;
+    double r, still = v, share = {number(stage.at_reference)} * {_grown(stage, f's->{rate}')};
+    int turned;
+    if (!s->begun) {{
+        s->{earlier} = 0.0;
+        s->{drive} = v;
+    }}
+    turned = s->{earlier} * s->{rate} < 0.0;
+    if (turned) {{
+        double way = {number(stage.window / at.period_s)} * log(1.0
+            - s->{earlier} * {number(at.period_s * REFERENCE_V_PER_S)} / (v - s->{drive}));
+        still = s->{drive} + (v - s->{drive}) * (way < 0.0 ? 0.0 : way > 1.0 ? 1.0 : way);
+    }}
+    for (k = 0; k < {n}; k++) {{
+        if (!s->begun)
+            s->{plain}[k] = s->{wide}[k] = v;
+        r = {name}_threshold[k];
+        if (s->{plain}[k] < v - r)
+            s->{plain}[k] = v - r;
+        if (s->{plain}[k] > v + r)
+            s->{plain}[k] = v + r;
+        if (turned && s->{wide}[k] < still - r)
+            s->{wide}[k] = still - r;
+        if (turned && s->{wide}[k] > still + r)
+            s->{wide}[k] = still + r;
+        r *= 1.0 + share;
+        if (s->{wide}[k] < v - r)
+            s->{wide}[k] = v - r;
+        if (s->{wide}[k] > v + r)
+            s->{wide}[k] = v + r;
+        x += {name}_opens[k] * (s->{wide}[k] - s->{plain}[k]);
+    }}
+    s->{earlier} = s->{rate};
+    s->{drive} = v;
+}}""",
     )
 
 
@@ -148,7 +213,7 @@ def _settling_drag(stage: RateDependence, at: Place) -> Part:
     }}
     rate = (v - s->{before}) / {number(at.period_s)} / {number(REFERENCE_V_PER_S)};
     drag = {number(stage['lag_um'])} * (rate < 0.0 ? -1.0 : 1.0)
-        * pow(fabs(rate), {number(stage['exponent'])});
+        * {_grown(stage, "rate")};
     s->{lag} = drag + (s->{lag} - drag) * {kept};
     s->{before} = v;
     x -= s->{lag};

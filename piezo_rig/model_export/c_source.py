@@ -171,6 +171,7 @@ def _file(
     before = [(s, p) for s, p in parts if s.place == "drive"]
     sliders = [(s, p) for s, p in parts if isinstance(s, RateDependence) and s.widens]
     after = [(s, p) for s, p in parts if (s, p) not in before and (s, p) not in sliders]
+    after.sort(key=lambda part: not (isinstance(part[0], RateDependence) and part[0].stretches))
     tables = "\n".join(p.tables for _, p in parts if p.tables)
     members = "\n".join(f"    {line}" for _, p in parts for line in p.members.splitlines())
     ahead = ""

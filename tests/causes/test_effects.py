@@ -71,6 +71,36 @@ def test_thresholds_that_widen_with_speed_are_those_of_the_operators_themselves(
     assert np.max(np.abs(own - model.simulate(time, drive))) > 0.01
 
 
+def test_thresholds_that_widen_by_a_share_of_themselves_are_those_operators():
+    time = np.arange(0.0, 1.0, 1e-3)
+    drive = np.interp(time, [0.0, 0.3, 0.5, 0.6, 1.0], [0.0, 60.0, 10.0, 50.0, 0.0])
+    knots, c = np.array([4.0, 12.0, 30.0, 80.0]), np.array([0.08, 0.1, 0.12, 0.15])
+    model = Model((Maxwell.of(Elements.from_curve(knots, c)),))
+    lag, exponent, window, opens = 0.05, 0.7, 2e-3, 1.6
+    stage = CAUSES["rate-dependence"].of(
+        None, lag_um=lag, exponent=exponent, window_s=window, widens=2.0, opens_um=opens
+    )
+    slow = drive.copy()
+    decay = np.exp(-1e-3 / window)
+    for i in range(1, drive.size):
+        fall = (drive[i] - drive[i - 1]) / 1e-3 * window
+        slow[i] = drive[i] - fall + (slow[i - 1] - drive[i - 1] + fall) * decay
+    rate = (drive - slow) / window / 300.0
+    share = lag / opens * np.abs(rate) ** exponent
+    state, own = np.zeros(3), np.empty(drive.size)
+    for i, v in enumerate(drive):
+        if rate[i] * rate[i - 1] < 0.0:  # it stood still in between
+            slope = (v - drive[i - 1]) / 1e-3 / 300.0
+            # slope + (rate - slope) exp(-t / window) is 0
+            at = drive[i - 1] + 300.0 * slope * window * np.log((slope - rate[i - 1]) / slope)
+            state = np.clip(state, at - knots[:-1], at + knots[:-1])
+        r = knots[:-1] * (1.0 + share[i])
+        state = np.clip(state, v - r, v + r)
+        own[i] = c[0] * v + np.diff(c) @ state
+    assert model.with_stage(stage).simulate(time, drive) == pytest.approx(own, abs=1e-9)
+    assert np.max(np.abs(own - model.simulate(time, drive))) > 0.01
+
+
 def test_thresholds_that_widen_by_a_given_compliance_do_not_hang_on_the_elements():
     time = np.arange(0.0, 1.0, 1e-3)
     drive = np.interp(time, [0.0, 0.3, 0.5, 0.6, 1.0], [0.0, 60.0, 10.0, 50.0, 0.0])
@@ -92,6 +122,20 @@ def test_viscosity_lags_by_its_length_at_300_volts_per_second():
         x = seen("rate-dependence", np.zeros(TIME.size), drive=slope * TIME,
                  lag_um=0.05, exponent=0.6)  # fmt: skip
         assert x[-1] == pytest.approx(-np.sign(slope) * 0.05, rel=1e-6)
+
+
+@pytest.mark.parametrize("exponent", [0.3, 0.7, 0.95])
+def test_a_lag_that_levels_off_has_its_length_and_exponent_at_300_volts_per_second(exponent):
+    lag = {}
+    for slope in (297.0, 300.0, 303.0, 0.3, 0.6, 3e6, 3e7, 3e8):
+        x = seen("rate-dependence", np.zeros(TIME.size), drive=slope * TIME,
+                 lag_um=0.05, exponent=exponent, levels_off=1.0)  # fmt: skip
+        lag[slope] = -x[-1]
+    assert lag[300.0] == pytest.approx(0.05, rel=1e-9)
+    grows = np.log(lag[303.0] / lag[297.0]) / np.log(303.0 / 297.0)
+    assert grows == pytest.approx(exponent, abs=1e-4)
+    assert lag[0.6] == pytest.approx(2.0 * lag[0.3], rel=0.05)  # as the speed, where it is slow
+    assert lag[3e8] - lag[3e7] == pytest.approx(lag[3e7] - lag[3e6], rel=1e-2)  # as its logarithm
 
 
 def test_a_lag_that_settles_does_so_within_its_time():

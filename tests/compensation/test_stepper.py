@@ -40,7 +40,8 @@ def followed(model, time, target, first=0.0):
 @settings(max_examples=60)
 @given(
     ids=st.sets(st.sampled_from(EVERY)),
-    form=st.sampled_from([{"widens": 0.0}, {"widens": 1.0}, {"settles": 1.0}]),
+    form=st.sampled_from([{"widens": 0.0}, {"widens": 1.0}, {"widens": 2.0, "opens_um": 0.9},
+                          {"settles": 1.0}, {"levels_off": 1.0}]),
     along=st.sampled_from([{}, {"moves_along": 1.0}]),
     exponent=st.sampled_from([0.5, 1.0]), first=st.sampled_from([0.0, 20.0]),
     reach=st.sampled_from([

@@ -49,13 +49,13 @@ def session(seed, volts_at_300, samples=4000):
     return out
 
 
-@pytest.mark.parametrize("widens", [0.0, 1.0])
+@pytest.mark.parametrize("widens", [0.0, 1.0, 2.0])
 def test_a_prediction_is_the_sum_of_its_bands(widens):
     """What elements do about a model with wide thresholds is what they do in it."""
     sweeps = session(0, 0.5)
     table = Elements.from_curve(np.linspace(2.0, 75.0, 15), np.linspace(0.08, 0.13, 15))
     rate = CAUSES["rate-dependence"].of(
-        None, lag_um=0.05, exponent=0.9, window_s=2e-3, widens=widens, um_per_v=0.1
+        None, lag_um=0.05, exponent=0.9, window_s=2e-3, widens=widens, um_per_v=0.1, opens_um=0.8
     )
     model = Model((Maxwell.of(table),)).with_stage(rate)
     for group in group_tracks(prepare(sweeps, first_rises=True), sweeps).groups:

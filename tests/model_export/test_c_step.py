@@ -107,6 +107,11 @@ KINDS = {
         of("rate-dependence", lag_um=0.05, exponent=0.6, window_s=2e-3, settles=1.0)),
     "thresholds that widen": stages(
         of("rate-dependence", lag_um=0.05, exponent=0.6, window_s=8e-3, widens=1.0)),
+    "thresholds that widen by a share of themselves": stages(
+        of("creep", rate_per_decade=0.015),
+        of("rate-dependence", lag_um=0.05, exponent=0.6, window_s=8e-3, widens=2.0, opens_um=0.9)),
+    "a lag that levels off": stages(
+        of("rate-dependence", lag_um=0.05, exponent=0.6, window_s=2e-3, levels_off=1.0)),
     "cycle-aging": stages(
         of("creep", rate_per_decade=0.015), of("cycle-aging", rate_per_decade=0.02)),
     "resonance": stages(of("resonance", share=0.3, frequency=700.0, damping=0.03)),
