@@ -23,6 +23,7 @@ from piezo_rig.diagnosis.fit import Point
 from piezo_rig.diagnosis.foretold import foretold, in_a_better_form
 from piezo_rig.diagnosis.forms import converged, in_another_form, reached, summit
 from piezo_rig.diagnosis.ladder import Ladder, Step
+from piezo_rig.diagnosis.late import note_the_other
 from piezo_rig.diagnosis.likelihood import Likelihood
 from piezo_rig.diagnosis.own_laws import also, loosen, rather
 from piezo_rig.diagnosis.patience import Patience
@@ -119,6 +120,7 @@ def _climbed(search: Search, brief: bool, begun: bool) -> Ladder:
         faint(search)
     else:
         idle(search)
+    note_the_other(search)
     return Ladder(search.first, tuple(search.rungs()), tuple(search.scans))
 
 

@@ -15,15 +15,17 @@ import numpy as np
 from piezo_rig.causes.cause import Cause
 from piezo_rig.chain import Stage
 from piezo_rig.diagnosis.abreast import abreast
-from piezo_rig.diagnosis.forms import FADES, summit
+from piezo_rig.diagnosis.forms import summit
 from piezo_rig.diagnosis.likelihood import Likelihood
+from piezo_rig.diagnosis.needed import at_a_limit
 from piezo_rig.diagnosis.reduction import Reduced, covariance_of, reduce
 from piezo_rig.diagnosis.refit import Fitted, playable, refit_either_way, settle
 from piezo_rig.diagnosis.space import Space
 from piezo_rig.errors import InputError
 
 PLAIN = 20.0  # log-likelihood of a cause whose shape may show
-ABOUT_AS_GOOD = 5.0  # the same by which a look may be worse than that at what was found
+ABOUT_AS_GOOD, COARSE = 5.0, 0.2  # by which a look may be worse; of what it says, as it is coarse
+PLAINLY = 12.0  # log-likelihood by which another shape must be better
 SHAPES = 3  # that are refitted at most
 
 
@@ -43,21 +45,28 @@ def in_another_shape(space: Space, fitted: Fitted, id: str) -> Fitted:
     pairs = [(less.model, less.model.with_stage(s)) for s in tried]
     likelihood = Likelihood(reduce(space.linear(less, pairs)))
     worth = [likelihood.evidence([k]) for k in range(len(tried))]
-    if worth[0] < likelihood.evidence() + PLAIN:
+    limited = at_a_limit(fitted.point, id)  # then it is not this law
+    most = max(worth[1:] if limited else worth)
+    gained = most - likelihood.evidence()
+    if gained < PLAIN:
         return fitted
     best: dict[str, int] = {}
     for k in np.argsort(worth)[::-1].tolist():
-        if k and worth[k] > worth[0] - ABOUT_AS_GOOD:
+        if k and worth[k] > most - max(ABOUT_AS_GOOD, COARSE * gained):
             best.setdefault(names[k], k)
-    scales = likelihood.best_scales([0])
+    scales = likelihood.best_scales([int(np.argmax(worth))])
     sized = [
         tried[k].with_values(**{n: tried[k][n] * _size(likelihood.reduced, k, scales)
                                 for n in stage.sized})
         for k in list(best.values())[:SHAPES]
     ]  # fmt: skip
     found = abreast(space, [partial(_begun, space, fitted, s) for s in sized], fitted.parts)
+    here = fitted.evidence
+    if limited:
+        found = [f for f in found if f is not None and not at_a_limit(f.point, id)]
+        here = likelihood.evidence()
     there = max((f for f in found if f is not None), key=lambda f: f.evidence, default=fitted)
-    return there if there.evidence > fitted.evidence + FADES else fitted
+    return there if there.evidence > here + PLAINLY else fitted
 
 
 def _size(reduced: Reduced, k: int, scales: tuple[float, float]) -> float:
