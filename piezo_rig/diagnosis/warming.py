@@ -23,6 +23,8 @@ SETTLING = tuple(np.geomspace(0.5, 20.0, 8))  # times that the slope falls to a 
 LEAST = 3  # slopes beyond those that say how steep and how fast
 BOTH = 3.0  # times as likely by chance as with the settling given: simulated, 5 to 20 slopes
 CHANCE = 0.02  # that slopes settle as well by noise
+HALF_WAVES = np.arange(2.0, 8.0)  # over a recording, that slopes are held against
+CHANCE_OF_FEW = 0.01  # that slopes of few recordings are as large by noise
 
 
 class _Slopes(NamedTuple):
@@ -50,7 +52,7 @@ def without_settling(groups: Groups, model: Model) -> Groups:
     slopes = [s for g in groups.groups if (s := _slopes(g, model)) is not None]
     count = sum(s.off.size - 1 for s in slopes)
     if count < LEAST + 2 or groups.session_s <= 0.0:
-        return groups
+        return _as_steep(groups, model)
     fits = [_fitted(slopes, n / groups.session_s) for n in SETTLING]
     left, rate, settling = min(fits)
     whole = sum(s.weight * float(s.off @ s.off) for s in slopes)
@@ -66,14 +68,53 @@ def _slopes(group: Group, model: Model) -> _Slopes | None:
     """Of what is known of the memory of; None of a drive that was recorded once."""
     if group.repeats < 2:
         return None
-    known = slice(group.blocks[0][0], group.blocks[-1][1])
-    time, moved = group.time_s[known], group.predicted(model)[known]
-    columns = np.column_stack([np.ones(time.size), time - time.mean(), moved - moved.mean()])
+    time, columns, off = _apart(group, model)
     size = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)  # the drive may stand still
-    off = (group.measured_um - group.measured_um.mean(axis=0))[:, known]
     slopes = 1e3 * np.linalg.lstsq(columns / size, off.T)[0][1] / size[1]
     middle = group.starts_s - group.begun_s + 0.5 * (time[0] + time[-1])
     return _Slopes(middle, slopes, float(np.ptp(time) ** 2))
+
+
+def _apart(group: Group, model: Model) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Times, s (n,); a constant, time and displacement (n, 3); how far the recordings are off
+    their mean, um (R, n).
+    """
+    known = slice(group.blocks[0][0], group.blocks[-1][1])
+    time, moved = group.time_s[known], group.predicted(model)[known]
+    columns = np.column_stack([np.ones(time.size), time - time.mean(), moved - moved.mean()])
+    return time, columns, (group.measured_um - group.measured_um.mean(axis=0))[:, known]
+
+
+def _as_steep(groups: Groups, model: Model) -> Groups:
+    """Few recordings with the mean slope of their drive's, if theirs are no slow noise.
+
+    Too few to say how a drift settles, they say whether their slopes are of the noise: half waves
+    over the recording are what it has besides. Of a zero that walks at random slopes are as large
+    as those, each times its number; of any faster noise they are smaller.
+    """
+    slope = noise = 0.0
+    count, straight = 0, list[Group]()
+    for group in groups.groups:
+        if group.repeats < 2:
+            straight.append(group)
+            continue
+        time, columns, off = _apart(group, model)
+        span = max(float(np.ptp(time)), 1e-300)
+        waves = np.cos(np.pi * np.outer((time - time[0]) / span, HALF_WAVES))
+        base, _ = np.linalg.qr(columns[:, [0, 2, 1]])
+        own = waves - base @ (base.T @ waves)
+        rest, _ = np.linalg.qr(own / np.linalg.norm(own, axis=0))
+        along = off @ base[:, 2]
+        slope += float(along @ along)
+        noise += float(np.sum((off @ rest * HALF_WAVES) ** 2)) / HALF_WAVES.size
+        count += group.repeats - 1
+        size = columns[:, 1] @ base[:, 2]
+        by = np.outer(along / size, group.time_s - time.mean())
+        straight.append(group.with_measured(group.measured_um - by))
+    free = float(count * HALF_WAVES.size)
+    if count == 0 or fisher_above(slope / max(noise, 1e-300), float(count), free) > CHANCE_OF_FEW:
+        return groups
+    return groups.with_(straight)
 
 
 def _fitted(slopes: list[_Slopes], settling: float) -> tuple[float, float, float]:

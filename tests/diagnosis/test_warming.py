@@ -99,3 +99,54 @@ def test_the_drift_is_found(seed):
     assert found.findings[0].parameters["rate"].value > 0.0
     assert found.rungs[-1].rms_nm < 1.25 * NOISE_NM
     assert not found.unexplained.detected
+
+
+def two_of_two(seed: int, nm_per_s: float, noise) -> list[Sweep]:
+    """Two drives, twice each, 400 s apart; a zero that settles within 500 s."""
+    rng, out = np.random.default_rng(seed), []
+    for number, (top, hertz) in enumerate(2 * [(75.0, 2.0), (60.0, 3.0)]):
+        time = np.arange(8000) / RATE
+        volts = top * (1.0 - np.abs(2.0 * ((hertz * time) % 1.0) - 1.0))
+        clock = 400.0 * number + time
+        moved = -1e-3 * nm_per_s * 500.0 * np.expm1(-clock / 500.0)
+        seen = play(volts, LIMITS, 0.0016) + moved + noise(rng, time.size)
+        out.append(Sweep(
+            f"sweep_{number + 1:04d}", volts, seen - seen[0], RATE, 1.0, 0.0, 1.0, 1, 0.0,
+            f"0-{top:g}", number // 2 + 1, "virgin", 400.0 * number, "SIMULATED",
+        ))  # fmt: skip
+    return out
+
+
+def white(rng: np.random.Generator, n: int) -> np.ndarray:
+    return 1e-3 * NOISE_NM * rng.standard_normal(n)
+
+
+def wandering(rng: np.random.Generator, n: int) -> np.ndarray:
+    """A zero that walks at random, 3 nm in the root of a second."""
+    return white(rng, n) + 3e-3 * np.cumsum(rng.standard_normal(n)) / np.sqrt(RATE)
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_slopes_of_few_recordings_are_no_noise_where_nothing_else_is_slow(seed):
+    groups, settled = compared(two_of_two(seed, 1.5, white))
+    _, quiet = compared(two_of_two(seed, 0.0, white))
+    assert differs_nm(groups) > 1.1 * differs_nm(quiet)
+    assert differs_nm(settled) == pytest.approx(differs_nm(quiet), rel=0.01)
+
+
+def test_slopes_of_a_zero_that_walks_at_random_are_noise():
+    """But for one session in a hundred."""
+    same = 0
+    for seed in range(20):
+        groups, settled = compared(two_of_two(100 + seed, 0.0, wandering))
+        same += settled is groups
+    assert same >= 19
+
+
+@pytest.mark.study
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_a_drift_that_settles_is_found_in_two_recordings_of_two_drives(seed):
+    found = diagnose(two_of_two(seed, 1.5, white))
+    assert [f.cause for f in found.findings] == ["thermal-drift"]
+    assert found.rungs[0].rms_nm > 1.2 * NOISE_NM
+    assert found.rungs[-1].rms_nm < 1.1 * NOISE_NM
