@@ -6,7 +6,8 @@ In one form the lag is the same all along a half loop. In the others the thresho
 widen with the speed, by the same volts (M. Al Janaideh and P. Krejci, IEEE/ASME Trans. Mechatronics
 18 (2013) 1498) or by the same share of themselves (M. Al Janaideh, S. Rakheja and C.-Y. Su,
 Mechatronics 19 (2009) 656), while the first spring follows the drive. Walls need a time to follow:
-the rate is taken over it, or the lag settles within it.
+the rate is taken over it, or the lag settles within it. What is thermally
+activated levels off: it grows with the logarithm of the speed.
 
 Shows as: loops that are wider where the drive is faster, everywhere but within milliseconds of
 a corner. At one fixed frequency the rate is proportional to the range.
