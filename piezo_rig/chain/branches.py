@@ -24,6 +24,7 @@ FloatArray = NDArray[np.float64]
 TAPER = 6  # steps in which a law fades out
 TAPER_ENDS = 2.0 * np.arange(1, TAPER + 1) / TAPER  # of its reach
 TAPER_SHARES = 1.0 - (np.arange(TAPER) + 0.5) / TAPER
+NO_LEAPS = np.empty(0)
 ONE = np.ones(1)
 KEPT = 256  # grids
 Law = Callable[[FloatArray, HalfLoops], FloatArray]
@@ -301,6 +302,8 @@ class Branches:
             start,
             bands.early_slopes_v_per_um,
             self.keeps_ties,
+            NO_LEAPS,
+            NO_LEAPS,
         )
         return Walk(ints, floats, bands)
 
@@ -328,7 +331,8 @@ class Branches:
         kernels.moved_each(
             begins, drive_v, self.initiation.knots_v, self.initiation.compliance_um_per_v,
             bands.early_knots_v, bands.early_slopes_v_per_um, bands.rest.knots_v,
-            bands.rest.compliance_um_per_v, start, loop_begins, self.keeps_ties, out,
+            bands.rest.compliance_um_per_v, bands.rest.moved_um, start, loop_begins,
+            self.keeps_ties, out,
         )
         return out
 

@@ -27,6 +27,10 @@ import numpy as np
 # over a break point, else 0.
 # Float part: drive at the segment's beginning and end, first slope of its
 # branch, distance from the branch's turning point at the beginning.
+# Where only the displacement is asked for, a step of one sample over several
+# bands is one segment: band LEAP, and for a slope the displacement in um.
+
+LEAP = -1
 
 
 # one by one: numpy's own ways to copy a part take seconds to compile
@@ -149,7 +153,38 @@ def _back_again(v, i, here, room, up):
 
 
 @numba.njit(cache=True, boundscheck=False, nogil=True)
-def walk(v, origin, init_knots, early_knots, rest_knots, loop_start, early_slopes, keeps):
+def _leapt(distance, knots, slopes, rest_knots, rest_compliance, rest_moved):
+    """Displacement of a branch after a distance from its turning point, and the band there.
+
+    ``knots``, ``slopes`` : shape (e,), of its early bands; ``rest_moved`` : shape (r + 1,), um at
+    the beginning of the bands after those
+    """
+    moved = 0.0
+    begin = 0.0
+    for b in range(knots.size):
+        if distance < knots[b]:
+            return moved + (distance - begin) / slopes[b], b
+        moved += (knots[b] - begin) / slopes[b]
+        begin = knots[b]
+    distance -= begin
+    low = 0
+    high = rest_knots.size
+    while low < high:
+        middle = (low + high) >> 1
+        if rest_knots[middle] <= distance:
+            low = middle + 1
+        else:
+            high = middle
+    before = rest_knots[low - 1] if low > 0 else 0.0
+    moved += rest_moved[low] + (distance - before) * rest_compliance[low]
+    return moved, knots.size + low
+
+
+@numba.njit(cache=True, boundscheck=False, nogil=True)
+def walk(
+    v, origin, init_knots, early_knots, rest_knots, loop_start, early_slopes, keeps,
+    rest_compliance, rest_moved,
+):
     """Cut a drive into segments.
 
     Parameters
@@ -163,6 +198,8 @@ def walk(v, origin, init_knots, early_knots, rest_knots, loop_start, early_slope
     loop_start : shape (m,), first sample of every half loop
     early_slopes : shape (m, e), V/um on the first bands
     keeps : whether a loop that the drive closes exactly, and not beyond, is remembered
+    rest_compliance, rest_moved : shape (nc - e,), um/V on the other bands and um where each begins;
+        with them steps of one sample are leaps; shape (0,): no leaps
 
     Returns
     -------
@@ -244,6 +281,32 @@ def walk(v, origin, init_knots, early_knots, rest_knots, loop_start, early_slope
         sign = 1.0 if up else -1.0
         last = v[end]
         entered = 0
+        if rest_moved.size > 0 and depth > 0 and i == end and band[depth] == 0:
+            limit = turn[depth - 2] if depth > 1 else 2.0 * origin - turn[depth - 1]
+            if turn[depth - 1] == here and (limit - last) * sign > 0.0:
+                of = loop_of[depth - 1]
+                moved, b = _leapt(
+                    abs(last - here), early_knots[of], early_slopes[of], rest_knots,
+                    rest_compliance, rest_moved,
+                )
+                if count == capacity:
+                    ints = _longer_table(ints)
+                    floats = _longer_table(floats)
+                    capacity *= 2
+                ints[count, 0] = i
+                ints[count, 1] = end + 1
+                ints[count, 2] = LEAP
+                ints[count, 3] = of
+                ints[count, 4] = 0
+                floats[count, 0] = here
+                floats[count, 1] = last
+                floats[count, 2] = sign * moved
+                floats[count, 3] = 0.0
+                count += 1
+                band[depth] = b
+                here = last
+                i = end + 1
+                continue
         while True:
             b = band[depth]
             if depth == 0:
@@ -312,6 +375,10 @@ def fill(v, ints, floats, n0, init_compliance, early_slopes, rest_compliance, ou
     n1 = n0 + early_slopes.shape[1]
     for s in range(ints.shape[0]):
         code = ints[s, 2]
+        if code == LEAP:
+            y += floats[s, 2]
+            out[ints[s, 0]] = y
+            continue
         if code < n0:
             c = init_compliance[code]
         elif code < n1:
@@ -330,7 +397,7 @@ def fill(v, ints, floats, n0, init_compliance, early_slopes, rest_compliance, ou
 @numba.njit(cache=True, boundscheck=False, nogil=True)
 def moved_each(
     begins, v, init_knots, init_compliance, early_knots, early_slopes, rest_knots,
-    rest_compliance, loop_start, loop_begins, keeps, out,
+    rest_compliance, rest_moved, loop_start, loop_begins, keeps, out,
 ):
     """`walk` and `fill` of stretches that begin at these samples, each from a virgin start.
 
@@ -348,7 +415,7 @@ def moved_each(
             first = a
         ints, floats = walk(
             v[a:b], v[a], init_knots, early_knots[c:d], rest_knots, loop_start[c:d] - first,
-            early_slopes[c:d], keeps,
+            early_slopes[c:d], keeps, rest_compliance, rest_moved,
         )
         fill(
             v[a:b], ints, floats, init_compliance.size, init_compliance, early_slopes[c:d],

@@ -57,6 +57,8 @@ def _bands(model: Model, group: Group, played: FloatArray) -> FloatArray:
             by = stage.wider_by(signal)
             wider = None if by is None else _wider(branches, drive, by)
     walk = branches.walk(seen)
+    mine = walk.ints[:, 1] > before  # where it stood after all that came before is set to 0
+    ints, floats = walk.ints[mine], walk.floats[mine]
     first = branches.initiation.compliance_um_per_v.size
     later = 1 + branches.rest.compliance_um_per_v.size
     own = not model.one_curve
@@ -74,14 +76,13 @@ def _bands(model: Model, group: Group, played: FloatArray) -> FloatArray:
                     rise[k] = 1.0
             out = np.empty(drive.size)
             slope = np.full((1, 1), 1.0 / branch[0] if branch[0] else np.inf)
-            kernels.fill(seen, walk.ints, walk.floats, first, rise, slope, branch[1:], out)
+            kernels.fill(seen, ints, floats, first, rise, slope, branch[1:], out)
             if branch[0]:  # the first spring follows the drive itself
                 out += drive - seen
             if wider is not None and stage.id == "maxwell":
                 out += wider[k]
             rows.append(out[before:] - out[before])
     return np.array(rows)
-
 
 
 def _wider(branches: Branches, drive: FloatArray, by: Wider) -> FloatArray:
