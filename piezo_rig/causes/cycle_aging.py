@@ -11,7 +11,8 @@ since rest grows, as the count does.
 The count: a cycle is two half loops. Either it begins anew with every recording, for the rest that
 clears the memory lets the walls be caught as well; or it goes on through the whole session, and
 recordings of one drive differ by when they were made. The data decide where they know the order.
-A recording that carries on counts on in any case.
+A recording that carries on counts on in any case. Where few walls are weak enough to be freed it
+is over after some cycles, a first-order process: 1 - exp(-n / n0).
 
 Shows as: excursions that grow or shrink from cycle to cycle, most between the first and the
 second. Creep moves the middle of the cycles instead, and goes on in holds; a drift goes on at
@@ -39,6 +40,8 @@ from piezo_rig.chain.increments import Increment, Operation
 from piezo_rig.chain.stage import Signal, Stage
 
 HALF = 0.5
+SETTLED = (1.3, 2.5, 5.0, 10.0)  # cycles; of more, few recordings have enough to tell
+DECADE = 9.0  # cycles from the first to the tenth
 FORMS: tuple[dict[str, float], ...] = (
     {"whole": 0.0}, {"whole": 1.0, "begins_at": HALF}, {"whole": 1.0, "begins_at": 1.0},
 )  # fmt: skip
@@ -50,15 +53,20 @@ class CycleAging(Cause):
     ``whole`` : 1 where the whole strain since rest grows with the count, 0 where the stroke of
     every cycle does; ``session`` : 1 where it counts on from recording to recording;
     ``begins_at`` : the count at the first sample of a strain that grows, half a cycle where a cycle
-    has its number in its middle, one where it has it at its beginning
+    has its number in its middle, one where it has it at its beginning; ``settles`` : cycles after
+    which 63 % of it is done, 0 where it goes with the logarithm of the count; the rate is then that
+    over the first decade
     """
 
     id = "cycle-aging"
     place = "actuator"
     law: ClassVar[Mapping[str, float]] = {"cycle": 0.1, "first rise": 0.1}
     units: ClassVar[Mapping[str, str]] = {"rate_per_decade": "1"}
-    optional: ClassVar[Mapping[str, str]] = {"whole": "1", "session": "1", "begins_at": "1"}
-    given: ClassVar[tuple[str, ...]] = ("whole", "session", "begins_at")
+    optional: ClassVar[Mapping[str, str]] = {
+        "whole": "1", "session": "1", "begins_at": "1", "settles": "1",
+    }  # fmt: skip
+    given: ClassVar[tuple[str, ...]] = ("whole", "session", "begins_at", "settles")
+    sized: ClassVar[tuple[str, ...]] = ("rate_per_decade",)
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {"rate_per_decade": (-0.3, 0.3)}
 
     def act(self, signal: Signal) -> Signal:
@@ -80,16 +88,28 @@ class CycleAging(Cause):
         out = np.zeros_like(x)
         if self._whole:
             number = np.maximum(count + self._begins_at, 1.0)
-            out[..., begin:] = _decades(number, before) * x[..., begin:]
+            out[..., begin:] = self._grown(number, before) * x[..., begin:]
         else:
             number = np.floor(count[1:]) + 1.0
-            steps = _decades(number, before) * np.diff(x[..., begin:], axis=-1)
+            steps = self._grown(number, before) * np.diff(x[..., begin:], axis=-1)
             out[..., begin + 1 :] = np.cumsum(steps, axis=-1)
         return self["rate_per_decade"] * out
 
     @property
     def counts_on(self) -> bool:
         return "session" in self.parameters and self["session"] > 0
+
+    def _grown(self, number: FloatArray, before: FloatArray) -> FloatArray:
+        """What has grown by a count (n,), the mean over recordings played after so many (R,)."""
+        settles = self._settles
+        if not settles > 0.0:
+            return np.asarray(np.mean([np.log10(number + n) for n in before], axis=0))
+        done = np.mean([-np.expm1((1.0 - number - n) / settles) for n in before], axis=0)
+        return np.asarray(done / -np.expm1(-DECADE / settles))
+
+    @property
+    def _settles(self) -> float:
+        return self["settles"] if "settles" in self.parameters else 0.0
 
     @property
     def _begins_at(self) -> float:
@@ -108,7 +128,13 @@ class CycleAging(Cause):
     def increment(self, branches: Branches) -> Increment | str:
         if self._whole:
             return "how far a half loop will go is not known before its end"
-        return Increment(Operation.AGE, (self["rate_per_decade"],))
+        return Increment(Operation.AGE, (self["rate_per_decade"], self._settles))
+
+    def shapes(self) -> dict[str, list[Stage]]:
+        return {
+            "settling": [self.with_values(settles=n) for n in SETTLED],
+            "logarithm": [self.with_values(settles=0.0)],
+        }
 
     @classmethod
     def variants(cls, context: Context) -> list[list[Stage]]:
@@ -116,12 +142,10 @@ class CycleAging(Cause):
         return [
             [cls.of(None, rate_per_decade=0.002, session=session, **form)]
             for session in sessions for form in FORMS
+        ] + [
+            [cls.of(None, rate_per_decade=0.002, session=0.0, settles=SETTLED[1], **form)]
+            for form in FORMS[:2]
         ]  # fmt: skip
-
-
-def _decades(number: FloatArray, before: FloatArray) -> FloatArray:
-    """Decades of a count (n,), the mean over recordings that were played after so many (R,)."""
-    return np.asarray(np.mean([np.log10(number + n) for n in before], axis=0))
 
 
 def cycles(drive_v: FloatArray) -> FloatArray:

@@ -273,7 +273,12 @@ def _age(n, band, old, new, x, drive):
         new[1] = drive
         new[2] = -old[2]
         new[3] = old[3] + 1.0
-    new[4] = old[4] + n[0] * math.log10(new[3] // 2.0 + 1.0) * (x - old[0])
+    cycles = new[3] // 2.0
+    if n[1] > 0.0:  # over a decade they have grown by the rate
+        grown = math.expm1(-cycles / n[1]) / math.expm1(-9.0 / n[1])
+    else:
+        grown = math.log10(cycles + 1.0)
+    new[4] = old[4] + n[0] * grown * (x - old[0])
     return x + new[4]
 
 

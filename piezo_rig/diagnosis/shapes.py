@@ -81,6 +81,8 @@ def _begun(space: Space, fitted: Fitted, stage: Stage) -> Fitted | None:
     """Refitted from a shape; None where it cannot be played."""
     point = replace(fitted.point, model=fitted.point.model.with_stage(stage))
     try:
-        return summit(space, refit_either_way(space, point), stage.id)
+        found = refit_either_way(space, point)
+        scanned = isinstance(stage, Cause) and stage.scanned[0] in stage.parameters
+        return summit(space, found, stage.id) if scanned else found
     except (InputError, np.linalg.LinAlgError):
         return None

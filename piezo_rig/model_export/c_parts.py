@@ -272,6 +272,10 @@ def _cycle_aging(stage: Stage, at: Place) -> Part:
     drive, way, halves, before, aged = (
         at.own(w) for w in ("drive", "way", "halves", "before", "aged")
     )
+    settles = stage["settles"] if "settles" in stage.parameters else 0.0
+    grown = "log10(cycles + 1.0)"
+    if settles > 0.0:  # over a decade they have grown by the rate
+        grown = f"expm1(-cycles / {number(settles)}) / expm1(-9.0 / {number(settles)})"
     return Part(
         members=f"double {drive}, {halves}, {before}, {aged};\nint {way};",
         step=f"""\
@@ -290,7 +294,8 @@ if ((v - s->{drive}) * s->{way} > 0.0) {{
 }}
 {{
     double back = v != s->{drive} && s->{way} ? 1.0 : 0.0; /* until it turns out to be small */
-    s->{aged} += log10(floor(0.5 * (s->{halves} + back)) + 1.0) * (x - s->{before});
+    double cycles = floor(0.5 * (s->{halves} + back));
+    s->{aged} += {grown} * (x - s->{before});
 }}
 s->{before} = x;
 x += {number(stage['rate_per_decade'])} * s->{aged};""",

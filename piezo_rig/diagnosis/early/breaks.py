@@ -49,6 +49,7 @@ FEWER = 4  # counts that are tried
 PLAIN = 8  # losses of one drive that may be plain to see
 LESS, SAME = 0.3, 1.05  # what they may leave of what others do; the same, where they are fewer
 LIKELIEST = 4  # peaks of a group that are looked at closely
+REST = 0.1  # of what a loss gains, that it may gain once a jump in its place is mended
 SPREAD = 60  # samples between which a loss may be
 EDGE, STEEP = 8, 0.05  # samples to either side of a jump; of the drive's span, in an edge of it
 
@@ -98,7 +99,10 @@ def find_breaks(
             if new is not None and new.cause == JUMP and mine[0].cause == DROP and (
                 mine[0].gained > gained and abs(mine[0].at - new.index) < NEAR_S[0] * groups.rate
             ):  # fmt: skip
-                new = None  # a loss that could not be placed is no jump
+                whole = mended(groups, predicted, [*breaks, new])
+                after = _round(whole, predicted, found, [*breaks, new], sweeps)
+                if _loudest(after, mine[0]) > REST * mine[0].gained:
+                    new = None  # a loss that could not be placed is no jump
             if new is not None and search.chance(gained) < level:
                 breaks.append(new)
             elif g in guessed or (guess := guess_of(search, mine[:LIKELIEST])) is None:
@@ -126,6 +130,15 @@ def find_breaks(
         breaks = _plain(groups, predicted, found, breaks, sweeps, g, level)
         breaks = _mending(groups, predicted, breaks, g)
     return Breaks(tuple(_at_once(breaks)))
+
+
+def _loudest(search: Search, loss: Peak) -> float:
+    """What a loss gains at most that is found where another one was, in any recording."""
+    return max((
+        p.gained for p in find_peaks(search)
+        if p.cause == DROP and p.stretch == loss.stretch
+        and abs(p.at - loss.at) < NEAR_S[0] * search.groups.rate
+    ), default=0.0)  # fmt: skip
 
 
 def _of_memory(groups: Groups, new: Break | None) -> bool:
