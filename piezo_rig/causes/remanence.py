@@ -12,8 +12,8 @@ the drive where the old memory is wiped out; all that follows is shifted by a co
 offset shows. After equal recordings all first rises differ alike, as with an initiation stage.
 
 Claimed only where the history is known: every recording says that it begins virgin, and when it
-began. A model with elements of its own for the first rise cannot hold it: a first rise that is
-half remembered is in neither of its two curves.
+began. Beside an initiation stage the two add up: loops that begin with what is left, and what a
+first rise has beyond them, on the first way to every drive in this recording.
 
 Remedy: Let the actuator rest longer between recordings, or begin each with a decaying drive that
 clears the memory.

@@ -10,7 +10,7 @@ which it gives way moves, and all others with it.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -205,6 +205,15 @@ class Branches:
             first_break_um=2.0 * float(later.slides_at_um[0]) if len(later) > 1 else np.inf,
             rest=Curve(np.cumsum(slopes[1:] * steps)[:-1], 1.0 / slopes[1:]),
         )
+
+    def of_one_curve(self) -> Branches:
+        """With a first rise by the elements of the later branches, before any law."""
+        slopes = np.append(1.0 / self.first_slope_v_per_um, self.rest.compliance_um_per_v)
+        knots = 0.5 * (self.first_slope_v_per_um * self.first_break_um + self.rest.knots_v)
+        if not np.isfinite(self.first_break_um):
+            return replace(self, initiation=Curve(np.empty(0), slopes[:1]))
+        first = 0.5 * self.first_slope_v_per_um * self.first_break_um
+        return replace(self, initiation=Curve(np.append(first, knots), slopes))
 
     @property
     def has_laws(self) -> bool:

@@ -20,6 +20,7 @@ from piezo_rig.chain.drives import (
     refuse_gaps,
     since_begun,
 )
+from piezo_rig.chain.first_rise import first_rise_um
 from piezo_rig.chain.half_loops import HalfLoops, half_loops
 from piezo_rig.chain.maxwell import Maxwell
 from piezo_rig.chain.memo import Memo
@@ -166,7 +167,7 @@ class Model:
                 signal = memo.get(
                     self, ("begun", *key), lambda: at_rest(time, volts, played=played)
                 )
-        signal = self._play(signal, free_end, memo, key)
+        signal = self._play(signal, free_end, memo, key, before if key else 0)
         displacement = signal.displacement_um[before:]
         # one bad sample makes all that follow it bad: looking at the last is enough
         if not np.isfinite(displacement[-1]):
@@ -210,8 +211,6 @@ class Model:
     @property
     def remembering(self) -> list[Stage]:
         """Stages that know of drives before this one, and can make a virgin model remember them."""
-        if not self.one_curve:
-            return []
         return [s for s in self.stages if type(s).preface is not Stage.preface]
 
     @property
@@ -220,8 +219,10 @@ class Model:
         return any(s.counts_on for s in self.stages)
 
     def _play(
-        self, signal: Signal, free_end: bool, memo: Memo, key: tuple[object, ...] = ()
+        self, signal: Signal, free_end: bool, memo: Memo, key: tuple[object, ...] = (),
+        left: int = 0,
     ) -> Signal:
+        """What all stages make of a signal; ``left`` : samples that leave a virgin's memory."""
         active = [s for s in self.stages if s.locked_to == "drive"]
         for stage in active:
             if stage.place == "drive":
@@ -245,6 +246,12 @@ class Model:
             if wider is not None:
                 added = partial(_wider_um, branches, begins, given, wider)
                 more = memo.get(self, ("wider", *key), added)
+        if left and not self.one_curve:
+            first, branches = branches, branches.of_one_curve()
+            rise = partial(first_rise_um, first.initiation, branches.initiation, driven, left)
+            rise_um = memo.get(self, ("first rise", *key, id(self.maxwell),
+                                      *(id(s) for s in self.stages if s.has_elements)), rise)
+            more = rise_um if more is None else more + rise_um
         key = (*key, *(id(s) for s in self.stages if type(s).shape is not Stage.shape), "kernel",
                id(self.maxwell))  # fmt: skip
         at_rest = signal
@@ -282,7 +289,7 @@ def _moved(
 ) -> FloatArray:
     """Displacement where the first spring follows one drive and the sliders another one.
 
-    ``more`` : um, of sliders that widen one by one
+    ``more`` : um, of sliders that widen one by one, and of a first rise from memory
     """
     moved = branches.moved(seen, begins, loops)
     if more is not None:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from piezo_rig.chain import Branches, Model, Signal
 from piezo_rig.chain.branches import sliders
 from piezo_rig.chain.drives import LONG_AGO_S, preceded
+from piezo_rig.chain.first_rise import first_rise_v
 from piezo_rig.chain.stage import Wider
 from piezo_rig.diagnosis.groups import Group
 from piezo_rig.diagnosis.left_before import played_before
@@ -56,23 +57,30 @@ def _bands(model: Model, group: Group, played: FloatArray) -> FloatArray:
             seen = stage.seen_by_sliders(signal, model.branches())
             by = stage.wider_by(signal)
             wider = None if by is None else _wider(branches, drive, by)
+    own = not model.one_curve
+    apart = own and before > 0  # a first rise of its own beside what is left of others
+    if apart:
+        branches = branches.of_one_curve()
     walk = branches.walk(seen)
     mine = walk.ints[:, 1] > before  # where it stood after all that came before is set to 0
     ints, floats = walk.ints[mine], walk.floats[mine]
     first = branches.initiation.compliance_um_per_v.size
     later = 1 + branches.rest.compliance_um_per_v.size
-    own = not model.one_curve
     rows = []
     for stage in model.stages:
         if stage.elements is None:
             continue
+        rising = first_rise_v(stage.elements.knots_v, seen[before:]) if apart else None
         for k in range(len(stage.elements)):
+            if rising is not None and stage.id != "maxwell":
+                rows.append(rising[k])
+                continue
             rise, branch = np.zeros(first), np.zeros(later)
             if stage.id != "maxwell":
                 rise[k] = 1.0
             else:
                 branch[k] = 1.0
-                if not own:
+                if apart or not own:
                     rise[k] = 1.0
             out = np.empty(drive.size)
             slope = np.full((1, 1), 1.0 / branch[0] if branch[0] else np.inf)
@@ -81,7 +89,8 @@ def _bands(model: Model, group: Group, played: FloatArray) -> FloatArray:
                 out += drive - seen
             if wider is not None and stage.id == "maxwell":
                 out += wider[k]
-            rows.append(out[before:] - out[before])
+            out = out[before:] - out[before]
+            rows.append(out if rising is None else out - rising[k])
     return np.array(rows)
 
 

@@ -163,12 +163,9 @@ def candidates(space: Space, model: Model) -> tuple[list[Candidate], dict[str, s
                 "refitted takes it in without a trace"
             )
             continue
-        if kind.needs_known_order and not (
-            all(g.earlier for g in space.groups.groups) and model.one_curve
-        ):
+        if kind.needs_known_order and not all(g.earlier for g in space.groups.groups):
             refused[id] = (
-                "only where every recording is said to begin virgin, at a time of its own, and "
-                "the model has one curve for the first rise and all others"
+                "only where every recording is said to begin virgin, at a time of its own"
             )
             continue
         if kind.of_speed and not (context.several_speeds or context.corners):

@@ -94,7 +94,7 @@ def test_a_cycle_may_have_its_number_at_its_beginning():
     assert x[100::200] == pytest.approx(5.0 * (1.0 + 0.02 * np.log10(numbers)))
 
 
-@pytest.mark.parametrize(("before", "forms"), [(0.0, 3), (12.0, 6)])
+@pytest.mark.parametrize(("before", "forms"), [(0.0, 5), (12.0, 8)])
 def test_ageing_is_looked_for_in_all_of_its_forms(before, forms):
     kind = CAUSES["cycle-aging"]
     assert issubclass(kind, Cause)
@@ -160,8 +160,46 @@ def test_without_a_recording_before_there_is_nothing_to_remember():
     assert np.array_equal(remembering(0.5, ())[1], remembering(0.0)[1])
 
 
-def test_a_model_with_a_first_rise_of_its_own_remembers_nothing():
+@pytest.mark.parametrize("fraction", [1e-6, 0.25])
+def test_a_first_rise_of_its_own_adds_what_it_is_steeper_by_wherever_memory_stands(fraction):
+    """Up, back a little, and on: the first way to every drive counts, and no other."""
     table = Elements.from_curve(np.array([20.0, 100.0]), np.array([0.1, 0.2]))
-    stages = (Maxwell.of(table), CAUSES["initiation-stage"].of(table),
-              CAUSES["remanence"].of(None, fraction=0.5))  # fmt: skip
-    assert Model(stages).remembering == []
+    risen = Elements.from_curve(np.array([30.0, 100.0]), np.array([0.16, 0.26]))
+    plain = Model((Maxwell.of(table), CAUSES["remanence"].of(None, fraction=fraction)))
+    model = plain.with_stage(CAUSES["initiation-stage"].of(risen))
+    drive = np.concatenate([np.linspace(0.0, 45.0, 91), np.linspace(45.0, 5.0, 81)[1:],
+                            np.linspace(5.0, 60.0, 111)[1:]])  # fmt: skip
+    time = 0.01 * np.arange(drive.size)
+    more = model.simulate(time, drive, earlier=(BIG,)) - plain.simulate(time, drive, earlier=(BIG,))
+    m = np.maximum.accumulate(drive)
+    own = 0.16 * np.minimum(m, 30.0) + 0.26 * np.maximum(m - 30.0, 0.0)
+    of_loops = 0.1 * np.minimum(m, 20.0) + 0.2 * np.maximum(m - 20.0, 0.0)
+    assert more == pytest.approx(own - of_loops, abs=1e-9)
+
+
+def test_a_first_rise_of_its_own_from_no_memory_is_that_of_a_virgin():
+    table = Elements.from_curve(np.array([20.0, 100.0]), np.array([0.1, 0.2]))
+    risen = Elements.from_curve(np.array([30.0, 100.0]), np.array([0.16, 0.26]))
+    virgin = Model((Maxwell.of(table), CAUSES["initiation-stage"].of(risen)))
+    turns = [0.0, 30.0, 12.0, 50.0, -55.0, 10.0, 70.0]
+    drive = np.concatenate([[0.0], *(np.linspace(a, b, 41)[1:] for a, b in pairwise(turns))])
+    time = 0.01 * np.arange(drive.size)
+    left = CAUSES["remanence"].of(None, fraction=1e-9)
+    x = virgin.with_stage(left).simulate(time, drive, earlier=(BIG,))
+    # what stands for the memory that is left are teeth of 60 V / 400, up and down
+    assert x == pytest.approx(virgin.simulate(time, drive), abs=0.1 * 0.2)
+
+
+@pytest.mark.parametrize(("settles", "whole"), [(3.7, 0.0), (1.9, 0.0), (3.7, 1.0)])
+def test_ageing_may_be_over_after_some_cycles(settles, whole):
+    """By the tenth cycle it has grown by the rate, whatever its law."""
+    x = aged(0.1 * TEN, rate_per_decade=0.02, whole=whole, settles=settles)
+    n = np.arange(1, 11)
+    done = (1.0 - np.exp(-(n - 1) / settles)) / (1.0 - np.exp(-9.0 / settles))
+    assert x[100::200] == pytest.approx(5.0 * (1.0 + 0.02 * done), rel=1e-6)
+
+
+def test_what_has_settled_in_a_session_does_not_go_on():
+    stage = CAUSES["cycle-aging"].of(None, rate_per_decade=0.02, session=1.0, settles=3.0)
+    late = stage.act(Signal(TIME, TEN, 0.1 * TEN, played=(np.array([500.0]),))).displacement_um
+    assert late[100::200] == pytest.approx(np.full(10, 5.0 * (1.0 + 0.02 / -np.expm1(-3.0))))

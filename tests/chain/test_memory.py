@@ -82,3 +82,13 @@ def test_what_becomes_of_a_loop_that_is_closed_exactly_shows_where_a_law_holds()
         assert said == pytest.approx(
             [0.0, rise, rise - down, rise - down + up, rise - down + up - last], abs=1e-12
         )
+
+
+@settings(max_examples=60, deadline=None)
+@given(turning, st.sampled_from(["range", "extremum", "direction", "initiation"]))
+def test_a_drive_of_turning_points_alone_ends_where_a_sampled_one_does(values, name):
+    """Steps over many bands at once leave the memory that bands one by one leave."""
+    turns = zigzag([round(2.0 * v) / 2.0 for v in values])
+    model = lawful(name)
+    leaps, fine = play(model, ride(turns, 1)), play(model, ride(turns, 30))
+    assert np.max(np.abs(leaps - fine[::30])) < 1e-12

@@ -114,6 +114,8 @@ KINDS = {
         of("rate-dependence", lag_um=0.05, exponent=0.6, window_s=2e-3, levels_off=1.0)),
     "cycle-aging": stages(
         of("creep", rate_per_decade=0.015), of("cycle-aging", rate_per_decade=0.02)),
+    "cycle-aging that settles": stages(
+        of("cycle-aging", rate_per_decade=0.02, settles=2.7)),
     "resonance": stages(of("resonance", share=0.3, frequency=700.0, damping=0.03)),
     "a mode whose damper moves along": stages(
         of("resonance", share=0.3, frequency=700.0, damping=0.03, moves_along=1.0)),

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import sys
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from small_bench import actuator, noise, recordings
@@ -316,3 +318,39 @@ def test_samples_lost_where_the_drive_stands_still_show_by_all_that_follows():
     assert event.size == 4.0
     assert parameters
     assert abs(event.index - lost_at) < 0.06 * 5000.0
+
+
+def stairs(hold_s, levels, rate=1000.0):
+    """Steps of 20 ms between holds."""
+    drive = [np.zeros(round(0.2 * rate))]
+    for a, b in pairwise([0.0, *levels]):
+        drive += [np.linspace(a, b, round(0.02 * rate) + 1)[1:], np.full(round(hold_s * rate), b)]
+    return np.concatenate(drive)
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_jumps_among_the_steps_of_staircases_in_slow_noise_are_jumps(seed):
+    """More of such noise goes like lost samples next to a step than like what has happened."""
+    rng = np.random.default_rng(seed)
+    drives = [
+        stairs(0.4, [10.0, 20.0, 30.0, 40.0, 50.0, 60.0, 50.0, 40.0, 30.0, 20.0, 10.0, 0.0]),
+        stairs(0.3, [25.0, 50.0, 70.0, 45.0, 20.0, 45.0, 70.0, 35.0, 0.0]),
+        stairs(0.5, [15.0, 35.0, 20.0, 55.0, 25.0, 65.0, 0.0]),
+    ]
+    out = []
+    for n in range(6):
+        drive = drives[n % 3]
+        x = play(drive, np.linspace(0.5, 35.0, 30), 0.03) + lfilter(
+            [3e-3 * np.sqrt(1.0 - 0.81)], [1.0, -0.9], rng.standard_normal(drive.size)
+        )
+        if n in (2, 3):  # a while after a step, one up and one down
+            x[2000 + 100 * n :] += 0.0791 if n == 2 else -0.0791
+        out.append(Sweep(
+            f"sweep_{n + 1:04d}", drive, x, 1000.0, 1.0, 0.0, 1.0, 1, 0.0, f"stairs {n % 3}",
+            1 + n // 3, "virgin", 60.0 * n, "SIMULATED",
+        ))  # fmt: skip
+    (found,) = cleaned(out)
+    assert found.cause == "fringe-jump"
+    assert sorted((e.sweep, e.index, e.size) for e in found.events) == [
+        ("sweep_0003", 2200, 79.1), ("sweep_0004", 2300, -79.1),
+    ]  # fmt: skip
