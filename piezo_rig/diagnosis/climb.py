@@ -37,6 +37,7 @@ from piezo_rig.diagnosis.scores import score_generic
 from piezo_rig.diagnosis.shapes import in_another_shape
 from piezo_rig.diagnosis.space import Space
 from piezo_rig.diagnosis.spare import AMISS, NEEDED, clear, faint, far_off, idle, one_by_one, prune
+from piezo_rig.diagnosis.warmth import OF_WARMTH
 from piezo_rig.errors import InputError
 
 FloatArray = NDArray[np.float64]
@@ -297,7 +298,8 @@ class Search:
             if against is None and self.harms(here, fitted):
                 against = "fits, but predicts data that it has not seen worse beyond doubt"
             if against is not None:
-                self.spoiled[id] = Step(id, float(family[i]), fitted)
+                if against != OF_WARMTH:  # what is no cause does not spoil one
+                    self.spoiled[id] = Step(id, float(family[i]), fitted)
                 self.bar(id, here, against, NEARER)
                 continue
             fitted = in_a_better_form(self, here, result, i, fitted)

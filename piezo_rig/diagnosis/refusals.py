@@ -13,6 +13,7 @@ from piezo_rig.diagnosis.context import context_of
 from piezo_rig.diagnosis.refit import Fitted, settle
 from piezo_rig.diagnosis.scan import by_speed
 from piezo_rig.diagnosis.wandering import wanders
+from piezo_rig.diagnosis.warmth import of_warmth
 
 if TYPE_CHECKING:
     from piezo_rig.diagnosis.climb import Search
@@ -106,13 +107,16 @@ def of_a_corner(search: Search, fitted: Fitted, here: Fitted, id: str) -> str | 
 
 
 def of_a_law(search: Search, fitted: Fitted, id: str, without: Fitted | None = None) -> str | None:
-    """Why a small effect is refused beside a large one whose law is only assumed.
+    """Why a small effect is refused beside a large one whose law is only assumed, and any one
+    beside what no cause says.
 
     ``without`` : the model without it, if that is known. Where it was far off and the effect
     leaves nothing, it is no misfit: what a law gets wrong has a shape of its own.
     """
     if (wandering := wanders(search.space, fitted, id)) is not None:
         return wandering
+    if without is not None and (warm := of_warmth(search.space, without, fitted, id)) is not None:
+        return warm
     kind, model = CAUSES[id], fitted.point.model
     own, groups = model.stage(id), search.space.groups
     if isinstance(own, Cause):

@@ -1,0 +1,87 @@
+"""An actuator that its own losses make warm: no cause of the catalogue, and none is named."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from piezo_rig.diagnosis import diagnose
+from piezo_rig.diagnosis.dictionary import WARMTH, Scales, features, generic
+from piezo_rig.diagnosis.grouping import group_tracks
+from piezo_rig.identification import prepare
+from piezo_rig.run_file.sweep import Sweep
+from tests.diagnosis.sliders import play
+
+RATE, NOISE_UM, SECONDS = 1000.0, 3e-3, 3.0
+SPEEDS_HZ = (1.0, 2.0, 4.0, 8.0)
+LIMITS = np.sort(np.random.default_rng(5).uniform(0.5, 34.0, 40))
+
+
+def triangles(hz: float, top: float) -> np.ndarray:
+    time = np.arange(round(SECONDS * RATE) + 1) / RATE
+    return top * (1.0 - np.abs(2.0 * ((hz * time) % 1.0) - 1.0))
+
+
+def warm_um(volts: np.ndarray, tau_s: float, power: float) -> np.ndarray:
+    """Length by its temperature, after losses that go with a power of the speed."""
+    loss = np.abs(np.gradient(volts) * RATE / 300.0) ** power
+    keep = np.exp(-1.0 / RATE / tau_s)
+    return lfilter([0.0, 1.0 - keep], [1.0, -keep], loss)
+
+
+def crept_um(x: np.ndarray) -> np.ndarray:
+    """After the displacement, in three relaxations a decade apart."""
+    out = np.zeros_like(x)
+    for tau_s in (0.03, 0.3, 3.0):
+        keep = np.exp(-1.0 / RATE / tau_s)
+        out += lfilter([1.0 - keep], [1.0, -keep], x)
+    return out
+
+
+def session(seed: int, changed) -> list[Sweep]:
+    """Four speeds and two tops, twice each; ``changed(x, volts)`` is what happens."""
+    rng, out = np.random.default_rng(seed), []
+    drives = [triangles(hz, 70.0 if k % 2 else 50.0) for k, hz in enumerate(SPEEDS_HZ)]
+    for number in range(2 * len(drives)):
+        volts = drives[number % len(drives)]
+        x = changed(play(volts, LIMITS, 0.0016), volts)
+        seen = x + NOISE_UM * rng.standard_normal(x.size)
+        out.append(Sweep(
+            f"sweep_{number + 1:04d}", volts, seen - seen[0], RATE, 1.0, 0.0, 1.0, 1, 0.0,
+            f"{SPEEDS_HZ[number % len(drives)]:g} Hz", number // len(drives) + 1, "virgin",
+            60.0 * number, "SIMULATED",
+        ))  # fmt: skip
+    return out
+
+
+@pytest.mark.parametrize(("seed", "tau_s", "power"), [
+    pytest.param(1, 2.2, 1.0, marks=pytest.mark.study), (2, 5.0, 2.0), (3, 1.3, 1.0),
+])  # fmt: skip
+def test_warmth_is_no_law_of_turning_points_and_no_asymmetry(seed, tau_s, power):
+    found = diagnose(session(seed, lambda x, v: x + 6e-3 * warm_um(v, tau_s, power)))
+    assert [f.cause for f in found.findings] == []
+    assert found.unexplained.detected
+    assert {"frequency", "clock"} & set(found.unexplained.depends_on)
+
+
+@pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.study)])
+def test_what_creeps_at_those_speeds_is_still_a_creep(seed):
+    found = diagnose(session(seed, lambda x, v: x + 0.001 * crept_um(x)))
+    assert [f.cause for f in found.findings] == ["creep"]
+    assert not found.unexplained.detected
+
+
+def test_its_columns_approach_what_a_steady_speed_makes_of_them():
+    """1 - exp(-t / tau) of the speed, and of its square, over that of the data."""
+    (sweep, *_) = sweeps = session(1, lambda x, v: x)
+    group = group_tracks(prepare(sweeps, first_rises=True), sweeps).groups[0]
+    scales = Scales(0.0, 70.0, 8.0, 0.0, 250.0, 1e-3, SECONDS)
+    made, tags = generic(group, scales, features(group, scales, sweep.displacement_um))
+    speed = 100.0 / 250.0  # 50 V in half a second
+    columns = made[[k for k, tag in enumerate(tags) if tag == WARMTH]]
+    wanted = [
+        speed**power * (1.0 - np.exp(-group.time_s / tau_s))
+        for tau_s in (1.0, 3.0, 10.0) for power in (1.0, 2.0)
+    ]  # fmt: skip
+    assert columns == pytest.approx(np.array(wanted), rel=1e-6, abs=1e-9)
