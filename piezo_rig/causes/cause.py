@@ -316,7 +316,7 @@ class FirstSpring(Cause):
     beside_one_curve: ClassVar[tuple[str, ...]] = ("offset",)
     scanned: ClassVar[tuple[str, float]] = SCANNED
     closings: ClassVar[tuple[float, ...]] = (0.0,)
-    leaves: ClassVar[float] = 0.3  # as the law fades out so does an actuator, but for its shape
+    leaves: ClassVar[float] = 0.5  # as the law fades out so does an actuator, but for its shape
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {"reach": (1e-6, np.inf)}
 
     @staticmethod

@@ -79,6 +79,7 @@ class Creep(Cause):
     together = True
     law: ClassVar[Mapping[str, float]] = {"time_since_turn": 0.01}
     brings_along: ClassVar[tuple[str, ...]] = ("thermal-drift",)
+    leaves: ClassVar[float] = 0.1  # other laws of it are as likely
     units: ClassVar[Mapping[str, str]] = {"rate_per_decade": "1"}
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {
         "rate_per_decade": (0.0, 0.3), **dict.fromkeys(FAST + SHARES, (0.0, 20.0)),

@@ -61,6 +61,7 @@ class RateDependence(Cause):
     together = True
     law: ClassVar[Mapping[str, float]] = {"frequency": 0.05, "first rise": 0.05}
     of_speed = True
+    leaves: ClassVar[float] = 0.1  # other laws of it are as likely
     units: ClassVar[Mapping[str, str]] = {"lag_um": "um", "exponent": "1"}
     optional: ClassVar[Mapping[str, str]] = {
         "window_s": "s", "widens": "1", "settles": "1", "um_per_v": "um/V", "opens_um": "um",
