@@ -39,6 +39,7 @@ def test_a_small_effect_is_a_misfit_of_a_law_unless_it_leaves_nothing(
     model = model.with_stage(CAUSES["direction-asymmetry"].of(None, ratio=0.99, reach=0.2))
     model = model.with_stage(CAUSES["cycle-aging"].of(None, rate_per_decade=0.005))
     monkeypatch.setattr(refusals, "wanders", lambda *_: None)
+    monkeypatch.setattr(refusals, "of_warmth", lambda *_: None)
     monkeypatch.setattr(refusals, "settle", lambda *_: None)
     monkeypatch.setattr(
         refusals, "strengths", lambda *_: {"cycle-aging": 1.0, "direction-asymmetry": 100.0}
