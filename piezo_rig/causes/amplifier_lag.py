@@ -37,6 +37,9 @@ class AmplifierLag(Cause):
     lasting: ClassVar[str] = "tau"
     law: ClassVar[Mapping[str, float]] = {"time_since_turn": 0.002}
     near: ClassVar[float] = NEAR_IN_TIME
+    meanings: ClassVar[Mapping[str, str]] = {
+        "tau": "time constant of the amplifier with the stack as its load",
+    }
     units: ClassVar[Mapping[str, str]] = {"tau": "s"}
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {"tau": (0.0, 10.0)}
 

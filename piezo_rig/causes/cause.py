@@ -95,6 +95,7 @@ class Cause(Stage):
 
     Class attributes
     ----------------
+    meanings : parameter -> what it is, in a few words for whoever reads a report
     priors : parameter -> (mean, standard deviation) for what data rarely fix: assumed laws
     limits : parameter -> (lowest, highest) that is physically possible
     largest : the largest plausible size, in units of the examples' own size; an effect that
@@ -135,6 +136,7 @@ class Cause(Stage):
     of_base : it belongs to the base model: found like a cause, never a finding or an alternative
     """
 
+    meanings: ClassVar[Mapping[str, str]] = {}
     priors: ClassVar[Mapping[str, tuple[float, float]]] = {}
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {}
     largest: ClassVar[float] = 30.0
@@ -310,6 +312,14 @@ class FirstSpring(Cause):
     """
 
     place = "actuator"
+    meanings: ClassVar[Mapping[str, str]] = {
+        "slope": "stiffness just after a turning point, by volt of what it follows",
+        "offset": "the part of it that follows nothing",
+        "reach": "displacement after a turning point up to which it acts",
+        "closing": "1: what it adds is taken back until twice the reach; 0: it is not",
+        "taper": "1: it fades out until twice the reach; 0: it ends there",
+        "carries": "1: its spring keeps its force over a turning point; 0: it begins anew",
+    }
     units: ClassVar[Mapping[str, str]] = {"slope": "V/um/V", "offset": "V/um"}
     optional: ClassVar[Mapping[str, str]] = REACHING
     given: ClassVar[tuple[str, ...]] = GIVEN

@@ -32,6 +32,9 @@ class ClockRatio(Cause):
     id = "clock-ratio"
     place = "acquisition"
     largest: ClassVar[float] = 100.0
+    meanings: ClassVar[Mapping[str, str]] = {
+        "ppm": "by how much the digitizer's clock runs faster than the generator's",
+    }
     units: ClassVar[Mapping[str, str]] = {"ppm": "ppm"}
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {"ppm": (-1e5, 1e5)}
 

@@ -80,6 +80,10 @@ class Creep(Cause):
     law: ClassVar[Mapping[str, float]] = {"time_since_turn": 0.01}
     brings_along: ClassVar[tuple[str, ...]] = ("thermal-drift",)
     leaves: ClassVar[float] = 0.1  # other laws of it are as likely
+    meanings: ClassVar[Mapping[str, str]] = {
+        "rate_per_decade": "share of a change that is added in every tenfold time after it",
+        **dict.fromkeys(FAST + SHARES, "its rate around that time after a change, over the mean"),
+    }
     units: ClassVar[Mapping[str, str]] = {"rate_per_decade": "1"}
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {
         "rate_per_decade": (0.0, 0.3), **dict.fromkeys(FAST + SHARES, (0.0, 20.0)),

@@ -61,6 +61,13 @@ class CycleAging(Cause):
     id = "cycle-aging"
     place = "actuator"
     law: ClassVar[Mapping[str, float]] = {"cycle": 0.1, "first rise": 0.1}
+    meanings: ClassVar[Mapping[str, str]] = {
+        "rate_per_decade": "change of travel from the first cycle to the tenth",
+        "whole": "0: the stroke of every cycle grows; 1: the whole strain since rest",
+        "session": "0: the count begins anew with every recording; 1: it goes on",
+        "begins_at": "the count at the first sample of a strain that grows",
+        "settles": "cycles after which 63 % of it is done; 0: it goes with their logarithm",
+    }
     units: ClassVar[Mapping[str, str]] = {"rate_per_decade": "1"}
     optional: ClassVar[Mapping[str, str]] = {
         "whole": "1", "session": "1", "begins_at": "1", "settles": "1",

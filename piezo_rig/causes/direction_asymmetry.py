@@ -83,6 +83,13 @@ class DirectionAsymmetry(Cause):
     law: ClassVar[Mapping[str, float]] = {
         "direction": 0.1, "drive+direction": 0.1, "first rise": 0.25,
     }  # fmt: skip
+    meanings: ClassVar[Mapping[str, str]] = {
+        "ratio": "stiffness just after a turning point, upwards over downwards",
+        "reach": "displacement after a turning point up to which it acts",
+        "closing": "1: what it adds is taken back until twice the reach; 0: it is not",
+        "taper": "0: it ends there; 1 to 4: it fades out; 5: it is given back instead",
+        "from_below": "where its state begins, from -1, the upper end, to 1, the lower one",
+    }
     units: ClassVar[Mapping[str, str]] = {"ratio": "1"}
     neutral: ClassVar[Mapping[str, float]] = {"ratio": 1.0}
     optional: ClassVar[Mapping[str, str]] = {**REACHING, "from_below": "1"}

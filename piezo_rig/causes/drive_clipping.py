@@ -49,6 +49,10 @@ class DriveClipping(Cause):
     near: ClassVar[float] = NEAR_AT_A_LIMIT
     known_to: ClassVar[float] = AT_BEST
     whole: ClassVar[bool] = True
+    meanings: ClassVar[Mapping[str, str]] = {
+        "lower": "the drive never falls below this",
+        "upper": "the drive never rises above this",
+    }
     units: ClassVar[Mapping[str, str]] = {"lower": "V", "upper": "V"}
     neutral: ClassVar[Mapping[str, float]] = {"lower": -NEVER_V, "upper": NEVER_V}
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {

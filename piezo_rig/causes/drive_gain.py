@@ -37,6 +37,10 @@ class DriveGain(Cause):
     order = -3
     together = True
     needs_fixed_model = True
+    meanings: ClassVar[Mapping[str, str]] = {
+        "ratio": "gain of the amplifier over the one that is assumed",
+        "stays_v": "the drive at which it makes no difference",
+    }
     units: ClassVar[Mapping[str, str]] = {"ratio": "1"}
     optional: ClassVar[Mapping[str, str]] = {"stays_v": "V"}  # the drive that stays right
     given: ClassVar[tuple[str, ...]] = ("stays_v",)

@@ -27,5 +27,10 @@ class DroppedSamples(Cause):
     id = "dropped-samples"
     place = "acquisition"
     locked_to = "clock"
+    meanings: ClassVar[Mapping[str, str]] = {
+        "index": "sample of its recording after which they are missing",
+        "count": "samples that are missing",
+        "sweep": "recording that it is in",
+    }
     units: ClassVar[Mapping[str, str]] = {"index": "1", "count": "1"}
     optional: ClassVar[Mapping[str, str]] = {"sweep": "1"}

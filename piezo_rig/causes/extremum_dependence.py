@@ -32,6 +32,10 @@ class ExtremumDependence(FirstSpring):
         "first rise": 0.25,
     }  # fmt: skip
 
+    meanings: ClassVar[Mapping[str, str]] = {
+        **FirstSpring.meanings,
+        "slope": "stiffness just after a turning point, by volt of the drive at it",
+    }
     optional: ClassVar[Mapping[str, str]] = {**REACHING, "carries": "1"}
     given: ClassVar[tuple[str, ...]] = (*GIVEN, "carries")
     closings: ClassVar[tuple[float, ...]] = (0.0, 1.0)

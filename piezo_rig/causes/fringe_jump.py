@@ -28,5 +28,10 @@ class FringeJump(Cause):
     id = "fringe-jump"
     place = "sensor"
     locked_to = "clock"
+    meanings: ClassVar[Mapping[str, str]] = {
+        "step": "size of the jump, a whole number of eighths of a wavelength",
+        "time": "from the beginning of its recording",
+        "sweep": "recording that it is in",
+    }
     units: ClassVar[Mapping[str, str]] = {"step": "nm", "time": "s"}
     optional: ClassVar[Mapping[str, str]] = {"sweep": "1"}

@@ -43,6 +43,12 @@ class InputBend(Cause):
     rate_free = True
     near: ClassVar[float] = 0.05
     largest: ClassVar[float] = 100.0
+    meanings: ClassVar[Mapping[str, str]] = {
+        "square": "bend of the drive before springs and sliders, quadratic part",
+        "cube": "cubic part of it",
+        "from_v": "where the bend begins",
+        "over_v": "drives over which it is counted",
+    }
     units: ClassVar[Mapping[str, str]] = {"square": "V", "cube": "V"}
     optional: ClassVar[Mapping[str, str]] = {"from_v": "V", "over_v": "V"}
     given: ClassVar[tuple[str, ...]] = ("from_v", "over_v")

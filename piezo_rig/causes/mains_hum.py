@@ -33,6 +33,10 @@ class MainsHum(Cause):
     id = "mains-hum"
     place = "sensor"
     locked_to = "clock"
+    meanings: ClassVar[Mapping[str, str]] = {
+        "frequency": "of the line, as the recording's clock has it",
+        "amplitude": "of its fundamental",
+    }
     units: ClassVar[Mapping[str, str]] = {"frequency": "Hz", "amplitude": "nm"}
 
     def act(self, signal: Signal) -> Signal:

@@ -26,4 +26,7 @@ class Outliers(Cause):
     id = "outliers"
     place = "sensor"
     locked_to = "clock"
+    meanings: ClassVar[Mapping[str, str]] = {
+        "per_second": "how often they occur",
+    }
     units: ClassVar[Mapping[str, str]] = {"per_second": "1/s"}

@@ -41,6 +41,10 @@ class OutputBend(Cause):
     order = -1
     rate_free = True
     largest: ClassVar[float] = 100.0
+    meanings: ClassVar[Mapping[str, str]] = {
+        "square": "bend of the displacement, quadratic part",
+        "cube": "cubic part of it",
+    }
     units: ClassVar[Mapping[str, str]] = {"square": "1/um", "cube": "1/um^2"}
 
     def act(self, signal: Signal) -> Signal:

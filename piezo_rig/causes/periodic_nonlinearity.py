@@ -33,6 +33,13 @@ class PeriodicNonlinearity(Cause):
     place = "sensor"
     like_no_other = True
     together = True
+    meanings: ClassVar[Mapping[str, str]] = {
+        "amplitude": "of the error within a fringe",
+        "sine": "in-phase part of the error within a fringe",
+        "cosine": "quadrature part of it",
+        "sine_2": "in-phase part at half the period",
+        "cosine_2": "quadrature part at half the period",
+    }
     units: ClassVar[Mapping[str, str]] = {
         "sine": "nm",
         "cosine": "nm",

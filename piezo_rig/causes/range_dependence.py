@@ -41,6 +41,11 @@ class RangeDependence(FirstSpring):
         "first rise": 0.25,
     }  # fmt: skip
 
+    meanings: ClassVar[Mapping[str, str]] = {
+        **FirstSpring.meanings,
+        "slope": "stiffness just after a turning point, by volt of the range before it",
+        "ties": "1: a loop that is closed exactly goes on beyond; 0: it is forgotten",
+    }
     optional: ClassVar[Mapping[str, str]] = {**REACHING, "ties": "1", "carries": "1"}
     given: ClassVar[tuple[str, ...]] = (*GIVEN, "ties", "carries")
 

@@ -62,6 +62,16 @@ class RateDependence(Cause):
     law: ClassVar[Mapping[str, float]] = {"frequency": 0.05, "first rise": 0.05}
     of_speed = True
     leaves: ClassVar[float] = 0.1  # other laws of it are as likely
+    meanings: ClassVar[Mapping[str, str]] = {
+        "lag_um": "how far the displacement is behind at 300 V/s",
+        "exponent": "power of the speed that it grows with there",
+        "window_s": "time over which the speed is taken, or after which it has settled",
+        "widens": "0: all lags; 1: thresholds widen, all alike; 2: each by a share of itself",
+        "settles": "1: it settles after a change of speed; 0: it follows at once",
+        "um_per_v": "slope that turns volts into displacement",
+        "opens_um": "what the share is of: by how much all sliders together are behind",
+        "levels_off": "1: it grows with the logarithm of the speed; 0: with a power",
+    }
     units: ClassVar[Mapping[str, str]] = {"lag_um": "um", "exponent": "1"}
     optional: ClassVar[Mapping[str, str]] = {
         "window_s": "s", "widens": "1", "settles": "1", "um_per_v": "um/V", "opens_um": "um",

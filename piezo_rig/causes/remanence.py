@@ -46,6 +46,9 @@ class Remanence(Cause):
     id = "remanence"
     place = "actuator"
     needs_known_order = True
+    meanings: ClassVar[Mapping[str, str]] = {
+        "fraction": "share of the memory of the recording before that is left",
+    }
     units: ClassVar[Mapping[str, str]] = {"fraction": "1"}
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {"fraction": (0.0, 0.99)}
     near: ClassVar[float] = NEAR_IN_MEMORY

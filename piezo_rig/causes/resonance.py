@@ -53,6 +53,12 @@ class Resonance(Cause):
     together = True
     largest: ClassVar[float] = 100.0
     near: ClassVar[float] = NEAR_IN_TIME
+    meanings: ClassVar[Mapping[str, str]] = {
+        "share": "of the motion that takes part in the mode",
+        "frequency": "of the mode",
+        "damping": "of the mode, as a share of the critical one",
+        "moves_along": "1: its damper moves along with the stack; 0: it stands on the bench",
+    }
     units: ClassVar[Mapping[str, str]] = {"share": "1", "frequency": "Hz", "damping": "1"}
     optional: ClassVar[Mapping[str, str]] = {"moves_along": "1"}
     given: ClassVar[tuple[str, ...]] = ("moves_along",)

@@ -34,6 +34,9 @@ class SensorClipping(Cause):
 
     id = "sensor-clipping"
     place = "sensor"
+    meanings: ClassVar[Mapping[str, str]] = {
+        "level": "the sensor never shows more than this, or less if it is negative",
+    }
     units: ClassVar[Mapping[str, str]] = {"level": "um"}
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {"level": (-1e4, 1e4)}
     cuts_off = True  # a flat top

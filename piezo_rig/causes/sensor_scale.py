@@ -32,6 +32,9 @@ class SensorScale(Cause):
     place = "sensor"
     together = True
     needs_fixed_model = True
+    meanings: ClassVar[Mapping[str, str]] = {
+        "ratio": "scale of the sensor over the one that is assumed",
+    }
     units: ClassVar[Mapping[str, str]] = {"ratio": "1"}
     neutral: ClassVar[Mapping[str, float]] = {"ratio": 1.0}
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {"ratio": (0.2, 5.0)}

@@ -41,6 +41,9 @@ class SlewLimit(Cause):
     known_to: ClassVar[float] = AT_BEST
     whole: ClassVar[bool] = True
     law: ClassVar[Mapping[str, float]] = {"time_since_turn": 0.002}
+    meanings: ClassVar[Mapping[str, str]] = {
+        "limit": "speed that the amplifier does not exceed",
+    }
     units: ClassVar[Mapping[str, str]] = {"limit": "V/s"}
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {"limit": (1e-6, 1e12)}
     sharp: ClassVar[Mapping[str, float]] = {"limit": 50.0}

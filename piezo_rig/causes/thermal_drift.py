@@ -37,6 +37,10 @@ class ThermalDrift(Cause):
     id = "thermal-drift"
     place = "sensor"
     locked_to = "clock"
+    meanings: ClassVar[Mapping[str, str]] = {
+        "rate": "at the beginning, with the clock",
+        "settling": "how quickly it dies away; 0: it does not",
+    }
     units: ClassVar[Mapping[str, str]] = {"rate": "nm/s"}
     optional: ClassVar[Mapping[str, str]] = {"settling": "1/s"}
     scanned: ClassVar[tuple[str, float]] = ("settling", 1.5)

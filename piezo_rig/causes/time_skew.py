@@ -36,6 +36,9 @@ class TimeSkew(Cause):
     lasting: ClassVar[str] = "delay"
     kinked: ClassVar[str] = "delay"
     near: ClassVar[float] = NEAR_IN_TIME
+    meanings: ClassVar[Mapping[str, str]] = {
+        "delay": "of the sensor's channel after the drive's",
+    }
     units: ClassVar[Mapping[str, str]] = {"delay": "s"}
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {"delay": (-1.0, 1.0)}
 

@@ -62,9 +62,12 @@ def _finding(found: Diagnosis, index: int, finding: Finding, residuals: Residual
         meaning = said["meaning"]
         out.append(f'<p class="meaning">{escape(meaning[:1].upper() + meaning[1:])}.</p>')
     kind = CAUSES.get(finding.cause)
-    given = kind.given if kind is not None and issubclass(kind, Cause) else ()
+    given, means = tuple[str, ...](), dict[str, str]()
+    if kind is not None and issubclass(kind, Cause):
+        given, means = kind.given, dict(kind.meanings)
     rows = [(name.removesuffix(f"_{p.unit}").replace("_", " "), escape(with_unit(p)),
-             escape(interval(p, name in given))) for name, p in finding.parameters.items()
+             _said(interval(p, name in given), means.get(name, "")))
+            for name, p in finding.parameters.items()
             if not (finding.events and name in LISTED)]  # fmt: skip
     if finding.events:
         count, _, more = in_all(finding.events).partition(" event")
@@ -90,6 +93,11 @@ def _finding(found: Diagnosis, index: int, finding: Finding, residuals: Residual
         out.append(f"<details open><summary>About {escape(finding.cause)}</summary>"
                    f"{''.join(known)}</details>")  # fmt: skip
     return "\n".join([*out, "</section>"])
+
+
+def _said(interval: str, meaning: str) -> str:
+    """An interval, and below it what the number is."""
+    return escape(interval) + (f"<br><small>{escape(meaning)}</small>" if meaning else "")
 
 
 def _facts(rows: Sequence[tuple[str, str, str]]) -> str:

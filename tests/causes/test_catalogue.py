@@ -8,6 +8,7 @@ import pytest
 
 import piezo_rig.causes
 from piezo_rig.causes import CAUSES, NAMED_MODELS, named_model
+from piezo_rig.causes.cause import Cause
 from piezo_rig.chain.stage import PLACES
 from piezo_rig.errors import InputError
 
@@ -26,6 +27,13 @@ def test_causes_say_where_they_are_and_in_which_units():
         assert kind.locked_to in ("drive", "clock")
         assert set(kind.neutral) <= {*kind.units, *kind.optional}
         assert kind.__module__.rsplit(".", 1)[1].replace("_", "-") == id
+
+
+def test_every_number_that_a_report_may_show_says_what_it_is():
+    for kind in CAUSES.values():
+        assert issubclass(kind, Cause)
+        for name in (*kind.units, *kind.optional):
+            assert kind.meanings.get(name), f"{kind.id}: {name}"
 
 
 def test_named_models_are_lists_of_causes():

@@ -114,9 +114,11 @@ def test_every_finding_has_its_section_with_units_intervals_and_a_figure():
         assert about(finding.cause)["Physics"][1:60] in html.unescape(part)
         assert "chance of a false alarm" in part
         assert part.count("<svg") >= 2  # before and after, and after on its own scale
-        for p in finding.parameters.values():
+        for name, p in finding.parameters.items():
             times, unit = scaled(p)
             assert unit in part
+            if not finding.events:
+                assert CAUSES[finding.cause].meanings[name] in html.unescape(part)
             if p.ci95:
                 assert f"{times * p.ci95[1]:.4g}".replace("-", "\u2212") in part
         if finding.gain_ci95:
