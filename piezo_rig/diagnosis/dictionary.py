@@ -243,27 +243,7 @@ def generic(group: Group, scales: Scales, f: Features) -> tuple[FloatArray, list
     add("clock", clock)
     moved = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(group.drive_v)))])
     add("clock", moved / max(float(moved[-1]), 1e-30))
-    for tau_s in HEATED_S:
-        for power in (1.0, 2.0):
-            add(WARMTH, _heat(group, scales, tau_s, power))
     return np.array(columns), tags
-
-
-def _heat(group: Group, scales: Scales, tau_s: float, power: float) -> FloatArray:
-    """How warm the speed of the drive has made the actuator, from cold, shape (n,)."""
-    step_s = np.diff(group.time_s)
-    speed = np.abs(np.diff(group.drive_v)) / np.maximum(step_s, 1e-12) / scales.slew_v_per_s
-    out = np.zeros((1, group.time_s.size))
-    lost = np.exp(-step_s / tau_s)
-    return np.asarray(_lagged(np.minimum(speed, FASTEST) ** power, lost, out)[0])
-
-
-@numba.njit(cache=True, nogil=True)
-def _lagged(given, kept, out):
-    """First order, towards what is given between samples; ``kept`` of the distance on each."""
-    for i in range(given.size):
-        out[0, i + 1] = given[i] + (out[0, i] - given[i]) * kept[i]
-    return out
 
 
 def hats_of(x: FloatArray, at: FloatArray) -> FloatArray:
@@ -271,9 +251,6 @@ def hats_of(x: FloatArray, at: FloatArray) -> FloatArray:
     return np.array([np.interp(x, at, row) for row in np.eye(at.size)])
 
 
-WARMTH = "frequency+clock"
-HEATED_S = (1.0, 3.0, 10.0)  # after which an actuator is as warm as its losses make it
-FASTEST = 3.0  # of the usual speed, that counts
 DEPENDS = {
     "first rise": ("drive", "cycle"),
 }

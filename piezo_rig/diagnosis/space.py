@@ -47,6 +47,7 @@ class Space(Columns):
     law_of: tuple[Key, tuple[Numbers, ...]] | None = None  # the stages it is about
     excluded: dict[str, str] = field(default_factory=dict)  # causes not looked for, and why
     longest: dict[str, float] = field(default_factory=dict)  # s, of causes that last: see `Cause`
+    warm: dict[int, tuple[Point, float]] = field(default_factory=dict)  # see `warmth`
     _together: Together | None = None
     _tangent_of: tuple[Point, FloatArray] | None = None
     _linears: dict[int, tuple[Point, Linear]] = field(default_factory=dict)

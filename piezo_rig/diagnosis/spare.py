@@ -22,6 +22,7 @@ from piezo_rig.diagnosis.refusals import like_no_other, of_a_law
 from piezo_rig.diagnosis.scan import of_base
 from piezo_rig.diagnosis.space import Space
 from piezo_rig.diagnosis.unexplained import unexplained
+from piezo_rig.diagnosis.warmth import of_warmth, still_warm
 
 if TYPE_CHECKING:
     from piezo_rig.diagnosis.climb import Search
@@ -93,6 +94,21 @@ def faded(space: Space, ladder: Ladder, tell: Callable[[str], None]) -> Ladder:
     return replace(ladder, steps=tuple(one_by_one(space, steps, tell) if steps else ()))
 
 
+def _less_what_is_warmth(search: Search) -> None:
+    """Drop earlier members that were taken in for what warmth says better beside the newest one."""
+    new = search.steps[-1]
+    if not still_warm(search.space, new.fitted):
+        return
+    for id in search.causes[:-1]:
+        if CAUSES[id].has_elements or of_base(id):
+            continue
+        search.tell(f"refit without {id}")
+        less = refit(search.space, new.fitted.point.without(id), held=True)
+        if of_warmth(search.space, less, new.fitted, id) is not None:
+            search.drop(id, new, less)
+            new = search.steps[-1]
+
+
 def prune(search: Search) -> None:
     """Drop an earlier member that the newest one has made needless."""
     new = search.steps[-1]
@@ -114,6 +130,7 @@ def prune(search: Search) -> None:
         if of_a_law(search, new.fitted, id, less) is not None:
             search.drop(id, new, less)
             new = search.steps[-1]
+    _less_what_is_warmth(search)
     _one_thing_less(search)
     new = search.steps[-1]
     spare = needless(new.fitted, [c for c in search.causes if c != new.cause])

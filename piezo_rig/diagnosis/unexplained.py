@@ -21,10 +21,12 @@ from piezo_rig.diagnosis.scores import score_generic
 from piezo_rig.diagnosis.slips import Slips
 from piezo_rig.diagnosis.space import Space
 from piezo_rig.diagnosis.unsteady import Unsteady
+from piezo_rig.diagnosis.warmth import still_warm
 
 FloatArray = NDArray[np.float64]
 WORDS = ("drive", "displacement", "direction", "range", "time_since_turn", "cycle", "clock",
          "frequency")  # fmt: skip
+OF_WARMTH = ("clock", "frequency")
 LINES = 0.2  # of the false alarms that a line may take, and a gain
 # of the noise floor: an unsteady gain or a ripple, and a line, that are worth a word
 SEEN, OF_A_LINE = 0.1, 0.02
@@ -102,9 +104,11 @@ def unexplained(
         rms, allowance = max(rms, shared), missed
     elif not (p < LEVEL and rms > allowance):
         return Unexplained(False, p, rms, allowance, [], "")
-    words = [w for w in WORDS if w in named]
+    warm = still_warm(space, fitted)
+    words = [w for w in WORDS if w in named or (warm and w in OF_WARMTH)]
     text = (f"{_two(rms)} nm rms that no known cause explains; it goes with "
-            + ", ".join(w.replace("_", " ") for w in words))  # fmt: skip
+            + ", ".join(w.replace("_", " ") for w in words)
+            + (", as the warmth of an actuator does that was driven fast" if warm else ""))
     return Unexplained(True, p, rms, allowance, words, text)
 
 

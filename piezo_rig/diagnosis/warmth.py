@@ -2,27 +2,54 @@
 
 Where speeds differ a stack that heats itself is longer, or shorter, after a fast stretch than
 after a slow one, for seconds. A law of turning points, an asymmetry or a drift says much of that.
-The dictionary has it by name; a cause that says less than its columns, and hardly anything beside
-them, is not what happens.
+A cause that says less than first-order responses to the speed and its square, and hardly anything
+beside them, is not what happens.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Mapping
+from typing import ClassVar
 
+import numba
 import numpy as np
 
-from piezo_rig.diagnosis.dictionary import WARMTH
+from piezo_rig.chain.stage import Signal, Stage
 from piezo_rig.diagnosis.likelihood import Likelihood
-from piezo_rig.diagnosis.linear import Linear
 from piezo_rig.diagnosis.reduction import reduce
 from piezo_rig.diagnosis.refit import Fitted, settle
 from piezo_rig.diagnosis.scan import of_base
 from piezo_rig.diagnosis.space import Space
 
 PLAINLY = 10.0  # log-likelihood by which warmth must say more than a cause
-OF_WARMTH = "what it does goes with how fast the drive was in the seconds before, as warmth does"
 HARDLY = 0.3  # of what a cause says, that it says beside warmth at most
+OF_WARMTH = "what it does goes with how fast the drive was in the seconds before, as warmth does"
+AFTER_S = (1.0, 3.0, 10.0)  # an actuator is as warm as its losses make it
+POWERS = (1.0, 2.0)  # of the speed: what is lost in a cycle, in a resistance
+SMALL_UM = 0.01
+
+
+class Warmth(Stage):
+    """``size`` um at the usual speed ``slew``, for as long as it takes: ``tau``."""
+
+    id = "warmth"
+    place = "actuator"
+    units: ClassVar[Mapping[str, str]] = {"size": "um", "slew": "V/s", "tau": "s", "power": "1"}
+
+    def act(self, signal: Signal) -> Signal:
+        time_s, drive_v = signal.time_s, signal.drive_v
+        step_s = np.maximum(np.diff(time_s), 1e-12)
+        loss = (np.abs(np.diff(drive_v)) / step_s / self["slew"]) ** self["power"]
+        warm = np.zeros(drive_v.size)
+        _towards(loss, np.exp(-step_s / self["tau"]), warm)
+        return signal.with_displacement(signal.displacement_um + self["size"] * warm)
+
+
+@numba.njit(cache=True, nogil=True)
+def _towards(given, kept, out):
+    """First order, towards what is given between samples; ``kept`` of the distance on each."""
+    for i in range(given.size):
+        out[i + 1] = given[i] + (out[i] - given[i]) * kept[i]
 
 
 def of_warmth(space: Space, here: Fitted, fitted: Fitted, id: str) -> str | None:
@@ -30,22 +57,33 @@ def of_warmth(space: Space, here: Fitted, fitted: Fitted, id: str) -> str | None
     if of_base(id) or fitted.point.fixed:
         return None
     gained = fitted.evidence - here.evidence
-    settle(space, here.point)
-    warm = warmth(space, here.linear)
+    warm = warmth(space, here)
     if warm < gained + PLAINLY:
         return None
+    return OF_WARMTH if gained + warmth(space, fitted) - warm < HARDLY * gained else None
+
+
+def still_warm(space: Space, fitted: Fitted) -> bool:
+    """Whether warmth says plainly something beside a model."""
+    return not fitted.point.fixed and warmth(space, fitted) > PLAINLY
+
+
+def warmth(space: Space, fitted: Fitted) -> float:
+    """Log-likelihood that warmth says beside a model; what that is of the latest few is kept."""
+    known = space.warm.get(id(fitted.point))
+    if known is not None and known[0] is fitted.point:
+        return known[1]
+    model = fitted.point.model
+    pairs = [
+        (model, model.with_stage(Warmth.of(
+            None, size=SMALL_UM, slew=space.scales.slew_v_per_s, tau=tau_s, power=power
+        )))
+        for tau_s in AFTER_S for power in POWERS
+    ]  # fmt: skip
     settle(space, fitted.point)
-    both = warmth(space, fitted.linear)
-    return OF_WARMTH if gained + both - warm < HARDLY * gained else None
-
-
-def warmth(space: Space, linear: Linear) -> float:
-    """Log-likelihood that the columns of warmth say about a point."""
-    mine = [k for k, tag in enumerate(space.tags) if tag == WARMTH]
-    if not mine:
-        return 0.0
-    reduced = reduce(linear)
-    rows = np.zeros((reduced.z.size, len(mine)))
-    rows[: len(reduced.generic)] = reduced.generic[:, mine]
-    alone = Likelihood(replace(reduced, trials=rows))
-    return alone.evidence(range(len(mine))) - alone.evidence()
+    likelihood = Likelihood(reduce(space.linear(fitted.point, pairs)))
+    says = likelihood.evidence(range(len(pairs))) - likelihood.evidence()
+    while len(space.warm) >= space.most_kept:
+        space.warm.pop(next(iter(space.warm)))
+    space.warm[id(fitted.point)] = fitted.point, says
+    return says
