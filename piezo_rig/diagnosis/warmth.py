@@ -15,16 +15,17 @@ import numba
 import numpy as np
 
 from piezo_rig.chain.stage import Signal, Stage
+from piezo_rig.diagnosis.context import context_of
 from piezo_rig.diagnosis.likelihood import Likelihood
 from piezo_rig.diagnosis.reduction import reduce
 from piezo_rig.diagnosis.refit import Fitted, settle
 from piezo_rig.diagnosis.scan import of_base
 from piezo_rig.diagnosis.space import Space
 
-PLAINLY = 10.0  # log-likelihood by which warmth must say more than a cause
+PLAINLY = 40.0  # log-likelihood by which warmth must say more: laws of other forms come to 34
 HARDLY = 0.3  # of what a cause says, that it says beside warmth at most
 OF_WARMTH = "what it does goes with how fast the drive was in the seconds before, as warmth does"
-AFTER_S = (1.0, 3.0, 10.0)  # an actuator is as warm as its losses make it
+AFTER_S = (1.0, 3.0)  # an actuator is as warm as its losses make it; over longer all ways add up
 POWERS = (1.0, 2.0)  # of the speed: what is lost in a cycle, in a resistance
 SMALL_UM = 0.01
 
@@ -54,7 +55,7 @@ def _towards(given, kept, out):
 
 def of_warmth(space: Space, here: Fitted, fitted: Fitted, id: str) -> str | None:
     """Why a model's newest member is refused: what it says, warmth says better."""
-    if of_base(id) or fitted.point.fixed:
+    if of_base(id) or not _may_show(space, fitted):
         return None
     gained = fitted.evidence - here.evidence
     warm = warmth(space, here)
@@ -65,7 +66,14 @@ def of_warmth(space: Space, here: Fitted, fitted: Fitted, id: str) -> str | None
 
 def still_warm(space: Space, fitted: Fitted) -> bool:
     """Whether warmth says plainly something beside a model."""
-    return not fitted.point.fixed and warmth(space, fitted) > PLAINLY
+    return _may_show(space, fitted) and warmth(space, fitted) > PLAINLY
+
+
+def _may_show(space: Space, fitted: Fitted) -> bool:
+    """Whether warmth can be told from what goes on with every cycle: where speeds differ."""
+    if fitted.point.fixed:
+        return False
+    return context_of(space, fitted.point.model).several_speeds
 
 
 def warmth(space: Space, fitted: Fitted) -> float:
