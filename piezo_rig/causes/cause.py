@@ -130,8 +130,7 @@ class Cause(Stage):
     like_no_other : what it does is like nothing that a model may get wrong: where it is plain,
         whatever else is wrong is no reason against it
     needs_first_rise : it can show only where the data hold a first rise from rest
-    needs_known_order : it can be told only where every recording begins virgin, at a known time,
-        and the model has no elements of its own for the first rise
+    needs_known_order : it can be told only where every recording begins virgin, at a known time
     needs_fixed_model : a model that is refitted takes it in without a trace
     of_base : it belongs to the base model: found like a cause, never a finding or an alternative
     """
