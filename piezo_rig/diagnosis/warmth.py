@@ -11,7 +11,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import ClassVar
 
-import numba
 import numpy as np
 
 from piezo_rig.chain.stage import Signal, Stage
@@ -38,19 +37,14 @@ class Warmth(Stage):
     units: ClassVar[Mapping[str, str]] = {"size": "um", "slew": "V/s", "tau": "s", "power": "1"}
 
     def act(self, signal: Signal) -> Signal:
+        from piezo_rig.chain.relaxation import off
+
         time_s, drive_v = signal.time_s, signal.drive_v
         step_s = np.maximum(np.diff(time_s), 1e-12)
         loss = (np.abs(np.diff(drive_v)) / step_s / self["slew"]) ** self["power"]
-        warm = np.zeros(drive_v.size)
-        _towards(loss, np.exp(-step_s / self["tau"]), warm)
+        lost = np.append(0.0, np.cumsum(loss * step_s))
+        warm = -off(time_s, lost, self["tau"]) / self["tau"]
         return signal.with_displacement(signal.displacement_um + self["size"] * warm)
-
-
-@numba.njit(cache=True, nogil=True)
-def _towards(given, kept, out):
-    """First order, towards what is given between samples; ``kept`` of the distance on each."""
-    for i in range(given.size):
-        out[i + 1] = given[i] + (out[i] - given[i]) * kept[i]
 
 
 def of_warmth(space: Space, here: Fitted, fitted: Fitted, id: str) -> str | None:
