@@ -58,7 +58,22 @@ class ThermalDrift(Cause):
     @classmethod
     def variants(cls, context: Context) -> list[list[Stage]]:
         rate = 1e3 * 1e-4 * context.travel_um / max(context.duration_s, 1e-9)
-        out: list[list[Stage]] = [[cls.of(None, rate=rate)]]
-        if context.session_s > SESSION * context.duration_s:
-            out += [[cls.of(None, rate=rate, settling=n / context.session_s)] for n in SETTLING]
-        return out
+        return [[cls.of(None, rate=rate)], *([s] for s in cls._settling(rate, context))]
+
+    def also(self, context: Context) -> list[Stage]:
+        """Dying away over the session, with the same slope in its middle.
+
+        Beside another effect as large, a slope that settles may first look like a steady one.
+        """
+        if self["rate"] == 0.0 or "settling" in self.parameters:
+            return []
+        forms = self._settling(self["rate"], context)
+        middle = 0.5 * context.session_s
+        return [s.with_values(rate=s["rate"] * np.exp(s["settling"] * middle)) for s in forms]
+
+    @classmethod
+    def _settling(cls, rate: float, context: Context) -> list[Stage]:
+        """None within one recording, where what settles is creep as well."""
+        if context.session_s <= SESSION * context.duration_s:
+            return []
+        return [cls.of(None, rate=rate, settling=n / context.session_s) for n in SETTLING]

@@ -219,7 +219,11 @@ class Search:
                 if self.stopped:
                     return
                 continue
-            if self.patience.lost or not self.left_over():
+            if self.patience.lost:
+                return
+            if not self.left_over():
+                if also(self, here, 0.0):
+                    continue
                 return
             if not (self.let_go(here, 0.0) or together(self, here)
                     or self.explained(here, found, family)):  # fmt: skip

@@ -83,6 +83,8 @@ def detour(search: Search) -> bool:
             continue
         search.steps, search.barred, search.rearranged = other.steps, other.barred, True
         search.scans += other.scans
+        if len(other.causes) >= other.most:  # it was not to go on
+            search.forward()
         return True
     return False
 

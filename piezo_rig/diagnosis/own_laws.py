@@ -11,6 +11,7 @@ from piezo_rig.causes import CAUSES
 from piezo_rig.causes.cause import Cause
 from piezo_rig.diagnosis.context import context_of
 from piezo_rig.diagnosis.fit import Point
+from piezo_rig.diagnosis.forms import summit
 from piezo_rig.diagnosis.likelihood import Likelihood
 from piezo_rig.diagnosis.put_in import all_free, descended
 from piezo_rig.diagnosis.reduction import reduce
@@ -70,8 +71,7 @@ def also(search: Search, here: Fitted, best: float) -> bool:
     context = context_of(search.space, model)
     for id in search.causes:
         stage = model.stage(id)
-        forms = stage.also(context) if isinstance(stage, Cause) else []
-        if not forms:
+        if not isinstance(stage, Cause) or not (forms := stage.also(context)):
             continue
         settle(search.space, here.point)
         pairs = [(model, model.with_stage(form)) for form in forms]
@@ -83,6 +83,8 @@ def also(search: Search, here: Fitted, best: float) -> bool:
         search.tell(f"refit with more of {id}")
         point = Point(model.with_stage(form), here.point.fixed, here.point.sizes)
         fitted = descended(search.space, all_free(point, form), here, most)
+        if stage.scanned[0] in set(form.parameters) - set(stage.parameters):
+            fitted = summit(search.space, fitted, id)
         if fitted.evidence - here.evidence > max(MORE, best) and (
             worse(search, fitted, here) is None
         ):  # fmt: skip

@@ -41,7 +41,7 @@ NEXT_TO_NOTHING = 0.05  # log-likelihood of what is left with a member, of that 
 MORE = 0.1  # of the squared noise, of what is held out and left without a member
 PLAIN = 50.0  # log-likelihood of a member that is dropped only if it does harm beyond doubt
 OF_WHAT_IT_TOOK = 0.5  # squared error: a table that leaves more only stands in for something
-WEAK, SHADOW = 10.0, 15.0  # d' and log-likelihood that leave an effect in doubt beside such laws
+WEAK, SHADOW = 16.0, 15.0  # d' and log-likelihood that leave an effect in doubt beside such laws
 
 
 def one_by_one(space: Space, steps: Sequence[Step], tell: Callable[[str], None]) -> list[Step]:

@@ -11,12 +11,20 @@ from piezo_rig.diagnosis.grouping import group_tracks
 from piezo_rig.identification import prepare
 
 
-def begun(sweeps):
-    """A space, and a point of the classical model in it."""
-    data = group_tracks(prepare(sweeps, first_rises=True, clipped=True), sweeps)
+def begun(sweeps, noisy=None):
+    """A space, and a point of the classical model in it.
+
+    ``noisy`` : recordings that the noise is taken from, if not from these
+    """
+    data = _data(sweeps)
     plain = Point(starting_model(data, named_model("classical"), "classical"))
-    whitener, _ = engine.noise_of(data, plain, np.random.default_rng(0))
+    of = data if noisy is None else _data(noisy)
+    whitener, _ = engine.noise_of(of, plain, np.random.default_rng(0))
     return engine.space_of(data, whitener, plain.model)[0], plain
+
+
+def _data(sweeps):
+    return group_tracks(prepare(sweeps, first_rises=True, clipped=True), sweeps)
 
 
 def with_member(point, id, sizes, **values):
