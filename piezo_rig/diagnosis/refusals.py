@@ -26,8 +26,9 @@ NOTHING = 0.4  # of the noise: what is left of nothing
 PLAIN = 100.0  # log-likelihood of what is like nothing that a model gets wrong
 MUCH = 0.8  # the same where a model is held fixed and lacks what the actuator has
 OF_A_CORNER = "at one speed it shows just after corners alone, and explains little of what is amiss"
-# squared error beyond the noise, of that before, with a cause that shows at corners alone
-MOST_OF_IT = 0.5
+# squared error beyond the noise, of that before, with a cause that shows at corners alone; the
+# log-likelihood that makes up for more
+MOST_OF_IT, PLAIN_AT_CORNERS = 0.5, 25.0
 OF_THE_MISFIT = (
     "fits, but predicts data that it has not seen no better, while the model is still far off"
 )
@@ -103,7 +104,18 @@ def of_a_corner(search: Search, fitted: Fitted, here: Fitted, id: str) -> str | 
     before, after = (
         max(search.error(0, f) ** 2 - search.noise_nm**2, 0.0) for f in (here, fitted)
     )
-    return OF_A_CORNER if after > MOST_OF_IT * before else None
+    if after <= MOST_OF_IT * before or _says_most(search, fitted, here):
+        return None
+    return OF_A_CORNER
+
+
+def _says_most(search: Search, fitted: Fitted, here: Fitted) -> bool:
+    """Whether an extension says more than all that is then left, and plainly.
+
+    In slow noise what is held out is off by more than a small effect does.
+    """
+    gained = fitted.evidence - here.evidence
+    return gained > PLAIN_AT_CORNERS and search.left_over(fitted) < gained
 
 
 def of_a_law(search: Search, fitted: Fitted, id: str, without: Fitted | None = None) -> str | None:

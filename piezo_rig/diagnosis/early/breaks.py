@@ -48,7 +48,7 @@ NEAR_S = 0.3, 0.03
 FEWER = 4  # counts that are tried
 PLAIN = 8  # losses of one drive that may be plain to see
 LESS, SAME = 0.3, 1.05  # what they may leave of what others do; the same, where they are fewer
-LIKELIEST = 4  # peaks of a group that are looked at closely
+LIKELIEST = 4  # peaks of a group, of either cause, that are looked at closely
 REST = 0.1  # of what a loss gains, that it may gain once a jump in its place is mended
 SPREAD = 60  # samples between which a loss may be
 EDGE, STEEP = 8, 0.05  # samples to either side of a jump; of the drive's span, in an edge of it
@@ -92,7 +92,7 @@ def find_breaks(
                           key=lambda p: -p.gained)  # fmt: skip
             mixed = any(p.cause == DROP for p in mine)
             exact = [
-                e for p in mine[:LIKELIEST]
+                e for p in _likely(mine)
                 if (e := _exact(search, p, mixed)) is not None and not _of_memory(groups, e[1])
             ]  # fmt: skip
             gained, new = _likeliest(search, groups, exact)
@@ -130,6 +130,12 @@ def find_breaks(
         breaks = _plain(groups, predicted, found, breaks, sweeps, g, level)
         breaks = _mending(groups, predicted, breaks, g)
     return Breaks(tuple(_at_once(breaks)))
+
+
+def _likely(peaks: Sequence[Peak]) -> list[Peak]:
+    """The best of either cause: while the velocity stays what it is, one looks like the other."""
+    each = ([p for p in peaks if p.cause == cause][:LIKELIEST] for cause in (JUMP, DROP))
+    return sorted((p for few in each for p in few), key=lambda p: -p.gained)
 
 
 def _loudest(search: Search, loss: Peak) -> float:
