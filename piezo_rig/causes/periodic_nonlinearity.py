@@ -55,6 +55,16 @@ class PeriodicNonlinearity(Cause):
             error = error + self["cosine_2"] * np.cos(2 * angle)
         return signal.with_displacement(signal.displacement_um + 1e-3 * error)
 
+    def carry(self, signal: Signal, changes: FloatArray) -> FloatArray:
+        """By the slope of the error. Base columns that hardly differ from each other are large, and
+        differences of finite changes would leave a ripple of any size in what they differ by.
+        """
+        angle = 2.0 * np.pi / HALF_WAVE_UM * _on_the_scale(signal)
+        slope = self["sine"] * np.cos(angle) - self["cosine"] * np.sin(angle)
+        slope += 2.0 * (self["sine_2"] * np.cos(2 * angle) - self["cosine_2"] * np.sin(2 * angle))
+        slope *= 1e-3 * 2.0 * np.pi / HALF_WAVE_UM
+        return np.asarray(changes + slope * _moved_on_the_scale(signal, changes))
+
     @classmethod
     def trials(cls, context: Context) -> list[Stage]:
         if context.travel_um < HALF_WAVE_UM:
@@ -78,3 +88,15 @@ def _on_the_scale(signal: Signal) -> FloatArray:
         return x
     off = placed.scale_um - placed.means(x)
     return np.asarray(x + placed.spread(np.where(np.isfinite(off), off, 0.0)))
+
+
+def _moved_on_the_scale(signal: Signal, changes: FloatArray) -> FloatArray:
+    """What changes (k, n) of the displacement are on that scale: a recording whose place there is
+    known by its mean stays where it is on the average.
+    """
+    placed = Placed.of(signal)
+    if placed is None:
+        return changes
+    known = np.isfinite(placed.scale_um)
+    means = np.array([np.where(known, placed.means(row), 0.0) for row in changes])
+    return np.asarray(changes - np.array([placed.spread(each) for each in means]))

@@ -20,7 +20,7 @@ from piezo_rig.diagnosis import diagnose
 from piezo_rig.diagnosis.early.breaks import _at_once, find_breaks
 from piezo_rig.diagnosis.early.clean_up import clean_up
 from piezo_rig.diagnosis.early.mended import Break, mended
-from piezo_rig.diagnosis.early.peaks import Search
+from piezo_rig.diagnosis.early.peaks import Search, find_peaks
 from piezo_rig.diagnosis.early.reported import events_of, reported
 from piezo_rig.diagnosis.engine import plainly
 from piezo_rig.diagnosis.fit import Point, starting_model
@@ -28,7 +28,7 @@ from piezo_rig.diagnosis.grouping import group_tracks
 from piezo_rig.identification import prepare
 from piezo_rig.run_file import Sweep
 from piezo_rig.studies.hidden import draw
-from tests.diagnosis.sliders import play
+from tests.diagnosis.sliders import play, recorded
 
 LEVEL = 1e-4
 # a plain loop: 0.09 um/V that grows to 0.15, about as the small bench's actuator
@@ -354,3 +354,29 @@ def test_jumps_among_the_steps_of_staircases_in_slow_noise_are_jumps(seed):
     assert sorted((e.sweep, e.index, e.size) for e in found.events) == [
         ("sweep_0003", 2200, 79.1), ("sweep_0004", 2300, -79.1),
     ]  # fmt: skip
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_a_jump_by_as_much_as_a_sine_goes_in_some_samples_is_a_jump(monkeypatch, seed):
+    """Where some 35 lost samples look like it for a while, and happen to say a little more."""
+    def peaks(search):
+        return [
+            replace(p, gained=1.05 * p.gained) if p.cause == "dropped-samples" else p
+            for p in find_peaks(search)
+        ]  # fmt: skip
+
+    monkeypatch.setattr("piezo_rig.diagnosis.early.breaks.find_peaks", peaks)
+    rng, rate = np.random.default_rng(seed), 10000.0
+    time = np.arange(13334) / rate
+    sweeps = []
+    for number, top in enumerate((40.0, 75.0, 40.0, 75.0), start=1):
+        drive = 0.5 * top * (1.0 - np.cos(2.0 * np.pi * 3.0 * time))
+        seen = play(drive, np.linspace(0.5, 36.0, 72), 0.0015)
+        seen += 3e-3 * rng.standard_normal(seen.size)
+        if number == 3:
+            seen[6000:] -= 2 * 0.0791
+        sweeps.append(recorded(
+            drive, seen - seen[0], rate, "unknown", number, f"0-{top:g}", 1 + (number > 2)
+        ))  # fmt: skip
+    groups, breaks = searched(sweeps)
+    assert said(groups, breaks) == [(2, "fringe-jump", 6000, -2)]
