@@ -32,6 +32,7 @@ EXCURSIONS = np.linspace(0.04, 1.0, 25)  # of the largest drive from where it be
 BETWEEN = np.linspace(-0.875, 0.875, 15)  # of a step between those
 EXPLAINED = 1.5  # misfit of such a beginning, of the misfit further on, at most
 NEARLY_ALL, HARDLY_ANY = 0.9, 0.1  # of all that is played; of the misfit of a virgin beginning
+PARTLY = np.linspace(0.9, 0.3, 13)  # of all that is played, as far as an excursion may have gone
 APART = 3.0  # times what repeats differ by further on
 SUDDEN = 0.3  # of the whole difference, within four samples: damage
 STEEP, RINGS = 0.02, 500  # of the drive's span, within those: an edge of it; samples it rings for
@@ -140,7 +141,27 @@ def _remembers(model: Model, track: Track, begin: int) -> bool:
     step = EXCURSIONS[1] - EXCURSIONS[0]
     least = min(misfit(x) for x in near + step * BETWEEN)
     # what has been as far as this goes rises as later branches do, whatever they are off by
-    return least < EXPLAINED * after or (near > NEARLY_ALL and least < HARDLY_ANY * virgin)
+    if least < EXPLAINED * after or (near > NEARLY_ALL and least < HARDLY_ANY * virgin):
+        return True
+    return _rises_as_later_ones(model, track, begin, furthest, after)
+
+
+def _rises_as_later_ones(
+    model: Model, track: Track, begin: int, furthest_v: float, after_um: float
+) -> bool:
+    """Whether it rises as later branches do for a good part of its way, which no virgin one does.
+
+    Up to where an excursion ended that is all there is to it, whatever lies beyond.
+    """
+    reach = (track.drive_v[:begin] - track.drive_v[0]) / furthest_v
+    for share in PARTLY:
+        end = int(np.argmax(reach > share))
+        if end < 16:
+            continue
+        part = slice(0, end)
+        if _misfit(model, track, furthest_v, part) < EXPLAINED * after_um:
+            return _misfit(model, track, 0.0, part) > WORSE * EXPLAINED * after_um
+    return False
 
 
 def _misfit(model: Model, track: Track, excursion_v: float, part: slice) -> float:

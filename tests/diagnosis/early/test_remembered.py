@@ -79,7 +79,15 @@ def test_a_memory_of_nearly_all_that_follows_is_no_first_rise(excursion_v):
 
 
 @pytest.mark.parametrize("drive", [walk, triangle])
-@pytest.mark.parametrize("stiffer", [0.0, 0.1])
+@pytest.mark.parametrize("excursion_v", [25.0, 45.0, 60.0])
+def test_a_memory_of_part_of_what_follows_is_no_first_rise(drive, excursion_v):
+    before, after = rises(ridden(drive, excursion_v))
+    assert any(before)
+    assert not any(after)
+
+
+@pytest.mark.parametrize("drive", [walk, triangle])
+@pytest.mark.parametrize("stiffer", [-0.2, -0.05, 0.0, 0.05, 0.1, 0.3])
 def test_a_first_rise_is_no_memory(drive, stiffer):
     before, after = rises(ridden(drive, stiffer=stiffer))
     assert before == after == [True, True]
