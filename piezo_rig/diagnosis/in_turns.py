@@ -9,7 +9,7 @@ interferometer's scale.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -189,7 +189,7 @@ class InTurns:
     ) -> tuple[list[Early], Point]:
         return clean_up(
             self.raw, self.sweeps, beside or self.start.point,
-            lambda groups, p: plainly(groups, p).point, SHARE * LEVEL, self.tried, behind, enough,
+            _plainly, SHARE * LEVEL, self.tried, behind, enough,
         )  # fmt: skip
 
     def _climb(self, brief: bool = False) -> None:
@@ -263,7 +263,7 @@ class InTurns:
     def _hum_behind(self) -> None:
         """Hum that what the baseline leaves had hidden."""
         late = hum_behind(
-            self.clean, self.search.ladder.last.point.model, SHARE * LEVEL, self.tried
+            self.clean, self.search.ladder.last.point, _base_anew, SHARE * LEVEL, self.tried
         )
         if late is None:
             return
@@ -276,9 +276,10 @@ class InTurns:
     def _hum_again(self) -> None:
         """Hum was fitted to what the baseline left; most of that has an explanation now."""
         self.tell("hum once more")
-        better, hum = self.search.ladder.last.point.model, self.early.pop()
+        last, hum = self.search.ladder.last.point, self.early.pop()
+        better = last.model
         self.whole = self.early[-1].groups if self.early else self.raw
-        again = hum_again(self.whole, hum, better, SHARE * LEVEL, self.tried)
+        again = hum_again(self.whole, hum, last, _base_anew, SHARE * LEVEL, self.tried)
         if again is not None:
             self.early.append(again)
             self.whole = again.groups
@@ -299,6 +300,16 @@ class InTurns:
             self.tell("where recordings stand on the interferometer's scale")
             self.clean = anew
             self._climb()
+
+
+def _plainly(groups: Groups, point: Point) -> Point:
+    return plainly(groups, point).point
+
+
+def _base_anew(groups: Groups, point: Point) -> Point:
+    """A model with its elements fitted to other recordings, and all else of it as it is."""
+    base = plainly(groups, replace(point, sizes=())).point
+    return replace(base, sizes=point.sizes)
 
 
 def _breaks(found: Sequence[Early]) -> int:

@@ -155,14 +155,20 @@ def clean_up(
     if hum is None or not hum.p_value * count < level:
         hum = _given_back(clean, point, refitted)
     if hum is not None and hum.p_value * count < level:
-        noisy = clean
-        for _ in range(JOINTLY):  # what the base model took of it is given back
-            clean = hum.groups
-            point = refitted(clean, point)
-            hum = removed(noisy, point.model, hum.frequency, hum.p_value, hum.spread_hz)
+        hum, point = _by_turns(clean, point, hum, refitted)
         parameters = dict(hum.stage().parameters)
         found.append(Early(HUM, hum.p_value * count, parameters, hum.groups))
     return found, point
+
+
+def _by_turns(
+    noisy: Groups, point: Point, hum: Hum, refitted: Callable[[Groups, Point], Point]
+) -> tuple[Hum, Point]:
+    """A hum and a model beside it: what the model took of the hum is given back."""
+    for _ in range(JOINTLY):
+        point = refitted(hum.groups, point)
+        hum = removed(noisy, point.model, hum.frequency, hum.p_value, hum.spread_hz)
+    return hum, point
 
 
 def _given_back(
@@ -215,27 +221,42 @@ def never_outliers(raw: Groups, found: Sequence[Early], model: Model) -> list[Ea
     return None if find_spikes(clean, model).spikes else out
 
 
-def hum_behind(clean: Groups, model: Model, level: float, count: int) -> Early | None:
+def hum_behind(
+    clean: Groups, point: Point, refitted: Callable[[Groups, Point], Point], level: float,
+    count: int,
+) -> Early | None:  # fmt: skip
     """Hum that what the baseline leaves had hidden, beside a better model."""
-    hum = hum_of_residual(clean, model)
+    hum = hum_of_residual(clean, point.model)
     if hum is None or not hum.p_value * count < level:
         return None
+    hum, _ = _by_turns(clean, point, hum, refitted)
     return Early(HUM, hum.p_value * count, dict(hum.stage().parameters), hum.groups)
 
 
 def hum_again(
-    before: Groups, found: Early, model: Model, level: float, count: int
-) -> Early | None:
+    before: Groups, found: Early, point: Point, refitted: Callable[[Groups, Point], Point],
+    level: float, count: int,
+) -> Early | None:  # fmt: skip
     """The hum fitted once more, to what a better model leaves of recordings that still have it;
     None where that leaves none.
+
+    ``refitted`` : the better model fitted to other recordings, from a point near by
     """
-    heard = find_hum(before, model)
+    heard = find_hum(before, point.model)
     if heard is None or not heard.p_value * count < level:
         return None
     told = found.parameters["frequency"]
     assert told.ci95 is not None
     spread_hz = (told.ci95[1] - told.ci95[0]) / (3.92 * AS_HELD)
     if abs(heard.frequency - told.value) > ANOTHER * float(np.hypot(spread_hz, heard.spread_hz)):
-        return Early(HUM, heard.p_value * count, dict(heard.stage().parameters), heard.groups)
-    hum = removed(before, model, told.value, found.p_value, spread_hz)
+        hum, _ = _by_turns(before, point, heard, refitted)
+        return Early(HUM, hum.p_value * count, dict(hum.stage().parameters), hum.groups)
+    hz, spread_hz = min((told.value, spread_hz), (heard.frequency, heard.spread_hz), key=_sure)
+    hum = removed(before, point.model, hz, found.p_value, spread_hz)
+    hum, _ = _by_turns(before, point, hum, refitted)
     return replace(found, parameters=dict(hum.stage().parameters), groups=hum.groups)
+
+
+def _sure(line: tuple[float, float]) -> float:
+    """How far off a frequency may be, Hz."""
+    return line[1]

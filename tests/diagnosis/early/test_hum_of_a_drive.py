@@ -9,8 +9,8 @@ import pytest
 
 from piezo_rig.causes import named_model
 from piezo_rig.chain import Parameter
-from piezo_rig.diagnosis.early import Early, hum_again
-from piezo_rig.diagnosis.early.hum import Row, _line, find_hum
+from piezo_rig.diagnosis.early import Early, hum_again, hum_behind
+from piezo_rig.diagnosis.early.hum import Row, _line, find_hum, hum_of_residual
 from piezo_rig.diagnosis.engine import plain_space
 from piezo_rig.diagnosis.fit import Point, starting_model
 from piezo_rig.diagnosis.grouping import group_tracks
@@ -49,9 +49,16 @@ def groups_of(*sweeps):
     return group_tracks(prepare(sweeps, first_rises=True, clipped=True), sweeps)
 
 
+def fitted(groups, point):
+    return refit(plain_space(groups, point.model), point).point
+
+
+def base_of(groups):
+    return fitted(groups, Point(starting_model(groups, named_model("classical"), "classical")))
+
+
 def baseline(groups):
-    point = Point(starting_model(groups, named_model("classical"), "classical"))
-    return refit(plain_space(groups, point.model), point).point.model
+    return base_of(groups).model
 
 
 @pytest.mark.parametrize(("lines_hz", "seconds"), [
@@ -132,6 +139,22 @@ def test_a_line_elsewhere_is_another_hum_beside_a_better_model():
         "frequency": Parameter(60.0, "Hz", (59.999, 60.001)),
         "amplitude": Parameter(3.0, "nm", (2.9, 3.1)),
     }, groups)  # fmt: skip
-    again = hum_again(groups, told, baseline(groups), LEVEL, COUNT)
+    again = hum_again(groups, told, base_of(groups), fitted, LEVEL, COUNT)
     assert abs(again.parameters["frequency"].value - 50.02) < 0.02
     assert again.parameters["amplitude"].value == pytest.approx(4.0, rel=0.15)
+
+
+@pytest.mark.parametrize("size_nm", [2.0, 4.0])
+def test_what_a_base_had_taken_of_a_late_hum_is_given_back(size_nm):
+    """In step with every repeat: a base of many elements follows some of it in few loops."""
+    short = TIME < 2.0
+    drive = 35.0 * (1.0 - np.cos(2.0 * np.pi * 3.0 * TIME[short])) * (0.4 + 0.3 * TIME[short])
+    hum = 1e-3 * size_nm * np.sin(2.0 * np.pi * 50.0 * TIME[short] + 0.4)
+    groups = groups_of(*(recorded(drive, played(drive) + hum, seed) for seed in (1, 2)))
+    base = base_of(groups)
+    (beside_it,) = [found for found in [hum_of_residual(groups, base.model)] if found]
+    assert beside_it.amplitude_nm < 0.9 * size_nm
+    late = hum_behind(groups, base, fitted, LEVEL, COUNT)
+    assert late.parameters["amplitude"].value == pytest.approx(size_nm, rel=0.05)
+    low, high = late.parameters["amplitude"].ci95
+    assert low < size_nm < high
