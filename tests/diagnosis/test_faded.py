@@ -248,3 +248,45 @@ def test_a_climb_that_cannot_get_there_is_given_up(fitted, monkeypatch, goal, sc
     monkeypatch.setattr("piezo_rig.diagnosis.climb.bend", taken)
     search.forward()
     assert len(looked) == scans
+
+
+@pytest.mark.parametrize("members", [1, 2])  # that it comes back with; two are all it may have
+def test_after_a_detour_that_was_not_to_go_on_the_climb_does(fitted, monkeypatch, members):
+    space, one, both = fitted
+    search = Search(space, one, np.random.default_rng(0), quiet, [(lambda f: 3.0, 1.0)], 2.0, 0,
+                    lambda less, full: True, [Step("creep", 1e-9, one)])  # fmt: skip
+    came_back = [Step("cycle-aging", 1e-9, both), Step("thermal-drift", 1e-9, both)][:members]
+    went_on = []
+
+    def forward(self):
+        if self.aside:
+            self.steps = came_back
+        else:
+            went_on.append([s.cause for s in self.steps])
+
+    monkeypatch.setattr(Search, "forward", forward)
+    monkeypatch.setattr(detours, "worse", lambda *_: None)
+    monkeypatch.setattr(detours, "rivals_of", lambda *_: ["cycle-aging"])
+    monkeypatch.setattr(detours, "_worth", lambda s: 100.0 if s.aside else 0.0)
+    assert detours.detour(search)
+    assert went_on == ([["cycle-aging", "thermal-drift"]] if members == 2 else [])
+
+
+@pytest.mark.parametrize(("size", "gained", "kept"), [
+    (14.0, 10.0, False), (14.0, 20.0, True), (18.0, 10.0, True),
+])  # fmt: skip
+def test_what_says_little_beside_a_larger_law_is_left_by_that_law(
+    fitted, monkeypatch, size, gained, kept
+):
+    space, one, both = fitted
+    steps = [Step("creep", 1e-9, one), Step("thermal-drift", 1e-4, both)]
+    search = Search(space, one, np.random.default_rng(0), quiet, [(lambda f: 2.0, 1.0)], 2.0, 0,
+                    lambda less, full: True, steps)  # fmt: skip
+    monkeypatch.setattr(spare, "strengths", lambda space, fitted, members: {
+        c: size if c == "thermal-drift" else 50.0 for c in members
+    })  # fmt: skip
+    monkeypatch.setattr(
+        spare, "refit", lambda *_, **__: replace(one, evidence=both.evidence - gained)
+    )
+    spare.clear(search)
+    assert search.causes == (["creep", "thermal-drift"] if kept else ["creep"])

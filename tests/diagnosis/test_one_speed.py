@@ -4,11 +4,13 @@ Elsewhere it is a loop that is a little wider. While a delay lasts the displacem
 the drive has turned, which no loop does.
 """
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from piezo_rig.diagnosis import diagnose
+from piezo_rig.diagnosis import diagnose, refusals
 from piezo_rig.run_file.sweep import Sweep
 from tests.diagnosis.sliders import play
 
@@ -80,3 +82,28 @@ def test_one_sine_cannot_show_a_delay_and_the_program_says_so():
     assert list(found.findings) == []
     for cause in ("amplifier-lag", "time-skew", "rate-dependence"):
         assert "rate_sweep" in found.refused[cause]
+
+
+@pytest.mark.parametrize(("gained", "left_over", "after_nm", "refused"), [
+    (30.0, 5.0, 2.9, False),  # in slow noise most of what is held out is noise
+    (30.0, 5.0, 2.1, False),
+    (20.0, 5.0, 2.9, True),  # sharp sliders between elements say as much
+    (30.0, 40.0, 2.9, True),  # it stands in for something
+    (20.0, 5.0, 2.1, False),
+])  # fmt: skip
+def test_what_shows_at_corners_alone_says_or_explains_most_of_what_is_amiss(
+    monkeypatch, gained, left_over, after_nm, refused
+):
+    monkeypatch.setattr(
+        refusals, "context_of", lambda space, model: SimpleNamespace(several_speeds=False)
+    )
+    here, fitted = (
+        SimpleNamespace(evidence=e, point=SimpleNamespace(model=None))
+        for e in (-100.0, gained - 100.0)
+    )
+    errors = {id(here): 3.0, id(fitted): after_nm}
+    search = SimpleNamespace(
+        space=None, noise_nm=2.0, error=lambda k, f: errors[id(f)], left_over=lambda f: left_over
+    )
+    why = refusals.of_a_corner(search, fitted, here, "time-skew")
+    assert why == (refusals.OF_A_CORNER if refused else None)
