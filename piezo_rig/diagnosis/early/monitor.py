@@ -318,19 +318,20 @@ class _Reader:
         zero = self.corners.explained(self.corners.seen(self.at(here.laws, False), 0.0))[0]
         gained = (min(zero, alone) - here.misfit) / TWICE
         if gained > PLAIN:
-            notes.append(
-                f"the drive monitor comes {1e3 * late:.4g} ms after the command: the whole record "
-                "is late by that, the generator holds its samples, or the monitor's own channel "
-                "is late"
+            why = (
+                "the whole record is late by that, the generator holds its samples, or the "
+                "monitor's own channel is late" if late > 0.0
+                else "its channel and the command's are not read at one time"
             )
+            notes.append(f"{_comes(late)}: {why}")
             chance = max(float(chi2_above(gained, 1)), LEAST) * count
             half = self.delay_half_s(here)
             delay = Parameter(late, "s", (late - half, late + half))
             told.append(Told(CAUSES[SKEW]({"delay": delay}), chance))
         elif (zero - here.misfit) / TWICE > PLAIN and LAG not in here.laws:
             notes.append(
-                f"the drive monitor comes {1e3 * late:.4g} ms after the command; at this sampling "
-                "rate it does not say whether the amplifier lags or the whole record is late"
+                f"{_comes(late)}; at this sampling rate it "
+                "does not say whether the amplifier lags or the whole record is late"
             )
         return Reading(tuple(told), self.bounds(here), tuple(notes))
 
@@ -465,3 +466,8 @@ def _stairs(v: FloatArray, tau: float) -> At:
         return v[j] + (state[j] - v[j]) * np.exp(-since / tau)
 
     return at
+
+
+def _comes(late_s: float) -> str:
+    way = "after" if late_s > 0.0 else "before"
+    return f"the drive monitor comes {1e3 * abs(late_s):.4g} ms {way} the command"

@@ -19,6 +19,7 @@ from small_bench import RATE, recordings
 from piezo_rig.cli import main
 from piezo_rig.diagnosis import diagnose
 from piezo_rig.diagnosis.early import read_monitor
+from piezo_rig.diagnosis.early.monitor import _comes
 from piezo_rig.diagnosis.grouping import group_tracks
 from piezo_rig.identification import prepare
 
@@ -274,3 +275,10 @@ def test_a_lag_behind_ramps_that_begin_between_samples_is_read_as_it_is(plain, t
     (told,) = found.told  # and no delay beside it
     assert told.stage.id == "amplifier-lag"
     assert told.stage["tau"] == pytest.approx(tau, rel=5e-3)
+
+
+@pytest.mark.parametrize(("late_s", "said"), [
+    (3.2e-4, "0.32 ms after the command"), (-1.653e-5, "0.01653 ms before the command"),
+])  # fmt: skip
+def test_a_monitor_comes_after_or_before_the_command(late_s, said):
+    assert _comes(late_s).endswith(said)
