@@ -222,7 +222,7 @@ class Search:
             if self.patience.lost:
                 return
             if not self.left_over():
-                if also(self, here, 0.0):
+                if also(self, here, 0.0):  # a number more, which the dictionary does not hold
                     continue
                 return
             if not (self.let_go(here, 0.0) or together(self, here)

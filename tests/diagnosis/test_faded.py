@@ -28,6 +28,12 @@ def quiet(text):
     pass
 
 
+def searching(space, first, steps, error_nm=2.0, helps=True):
+    """A climb with these steps, whose every model leaves as much of what was held out."""
+    return Search(space, first, np.random.default_rng(0), quiet, [(lambda f: error_nm, 1.0)], 2.0,
+                  0, lambda less, full: helps, steps)  # fmt: skip
+
+
 @pytest.fixture(scope="module")
 def fitted():
     """Creep of 1 %, fitted by itself, and with a drift beside it that is not there."""
@@ -89,8 +95,7 @@ def test_a_member_that_is_alone_is_doubted_where_something_is_left(
     space, one, _ = fitted
     tried = []
     monkeypatch.setattr(detours, "_one_by_one", lambda search: tried.append(search) or [])
-    search = Search(space, one, np.random.default_rng(0), quiet, [(lambda f: error_nm, 1.0)], 2.0,
-                    0, lambda less, full: True, [Step("creep", 1e-9, one)])  # fmt: skip
+    search = searching(space, one, [Step("creep", 1e-9, one)], error_nm)
     assert not detours.detour(search)
     assert bool(tried) == doubted
 
@@ -109,8 +114,7 @@ def test_a_faint_member_stays_where_it_explains_the_rest(
 ):
     space, one, both = fitted
     steps = [Step("creep", 1e-9, one), Step("thermal-drift", 1e-4, both)]
-    search = Search(space, one, np.random.default_rng(0), quiet, [(lambda f: 2.0, 1.0)], 2.0, 0,
-                    lambda less, full: helps, steps)  # fmt: skip
+    search = searching(space, one, steps, helps=helps)
     monkeypatch.setattr(spare, "certainties", lambda space, fitted, members: {
         c: sure if c == "thermal-drift" else 50.0 for c in members
     })  # fmt: skip
@@ -253,8 +257,7 @@ def test_a_climb_that_cannot_get_there_is_given_up(fitted, monkeypatch, goal, sc
 @pytest.mark.parametrize("members", [1, 2])  # that it comes back with; two are all it may have
 def test_after_a_detour_that_was_not_to_go_on_the_climb_does(fitted, monkeypatch, members):
     space, one, both = fitted
-    search = Search(space, one, np.random.default_rng(0), quiet, [(lambda f: 3.0, 1.0)], 2.0, 0,
-                    lambda less, full: True, [Step("creep", 1e-9, one)])  # fmt: skip
+    search = searching(space, one, [Step("creep", 1e-9, one)], error_nm=3.0)
     came_back = [Step("cycle-aging", 1e-9, both), Step("thermal-drift", 1e-9, both)][:members]
     went_on = []
 
@@ -280,8 +283,7 @@ def test_what_says_little_beside_a_larger_law_is_left_by_that_law(
 ):
     space, one, both = fitted
     steps = [Step("creep", 1e-9, one), Step("thermal-drift", 1e-4, both)]
-    search = Search(space, one, np.random.default_rng(0), quiet, [(lambda f: 2.0, 1.0)], 2.0, 0,
-                    lambda less, full: True, steps)  # fmt: skip
+    search = searching(space, one, steps)
     monkeypatch.setattr(spare, "strengths", lambda space, fitted, members: {
         c: size if c == "thermal-drift" else 50.0 for c in members
     })  # fmt: skip

@@ -251,12 +251,7 @@ def hum_again(
     if abs(heard.frequency - told.value) > ANOTHER * float(np.hypot(spread_hz, heard.spread_hz)):
         hum, _ = _by_turns(before, point, heard, refitted)
         return Early(HUM, hum.p_value * count, dict(hum.stage().parameters), hum.groups)
-    hz, spread_hz = min((told.value, spread_hz), (heard.frequency, heard.spread_hz), key=_sure)
-    hum = removed(before, point.model, hz, found.p_value, spread_hz)
+    surest = min((spread_hz, told.value), (heard.spread_hz, heard.frequency))
+    hum = removed(before, point.model, surest[1], found.p_value, surest[0])
     hum, _ = _by_turns(before, point, hum, refitted)
     return replace(found, parameters=dict(hum.stage().parameters), groups=hum.groups)
-
-
-def _sure(line: tuple[float, float]) -> float:
-    """How far off a frequency may be, Hz."""
-    return line[1]
