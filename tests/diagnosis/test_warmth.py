@@ -55,8 +55,8 @@ def session(seed: int, changed) -> list[Sweep]:
 
 
 @pytest.mark.parametrize(("seed", "tau_s", "power"), [
-    pytest.param(1, 2.2, 1.0, marks=pytest.mark.study),
-    pytest.param(2, 5.0, 2.0, marks=pytest.mark.study), (3, 1.3, 1.0),
+    (1, 2.2, 1.0), pytest.param(3, 1.3, 1.0, marks=pytest.mark.study),
+    pytest.param(2, 5.0, 2.0, marks=pytest.mark.study),
 ])  # fmt: skip
 def test_warmth_is_no_law_of_turning_points_and_no_asymmetry(seed, tau_s, power):
     found = diagnose(session(seed, lambda x, v: x + 6e-3 * warm_um(v, tau_s, power)))
