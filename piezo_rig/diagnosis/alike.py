@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import helmert
 
 from piezo_rig.causes import CAUSES
 from piezo_rig.causes.cycle_aging import CycleAging
@@ -76,19 +77,22 @@ def _ageing(groups: Groups, model: Model) -> tuple[float, Model] | None:
 
 
 def _rates(groups: Groups, model: Model) -> tuple[FloatArray, FloatArray] | None:
-    """Rates of ageing through the session by which the recordings of every drive differ, and what
-    each counts, shapes (g,); drives whose recordings cannot differ by it are left out.
+    """Rates of ageing through the session by which recordings of one drive differ, and what each
+    counts, shapes (k,): as many of every drive as its recordings can differ in ways (one less than
+    they are), whose noise is independent; those in which ageing makes no difference are left out.
     """
     little = _aged(model, Parameter(AGED, "1"))
     if not differ(groups, little):
         return None
     changes = of_one_history(groups, little)
-    squares, products = list[float](), list[float]()
+    squares, products = list[FloatArray](), list[FloatArray]()
     for g, c in zip(groups.groups, changes.groups, strict=True):
-        own, made = _apart(g), _apart(g.with_measured(g.measured_um - c.measured_um))
-        squares.append(sum(float(np.sum(m**2)) for m in made))
-        products.append(sum(float(np.sum(a * m)) for a, m in zip(own, made, strict=True)))
-    square, product = np.array(squares), np.array(products)
+        own, made = (np.concatenate(_apart(x), axis=1)
+                     for x in (g, g.with_measured(g.measured_um - c.measured_um)))  # fmt: skip
+        ways = helmert(g.repeats)
+        squares.append(np.sum((ways @ made) ** 2, axis=1))
+        products.append(np.sum((ways @ made) * (ways @ own), axis=1))
+    square, product = np.concatenate(squares), np.concatenate(products)
     kept = square > NOTHING * square.max(initial=0.0)
     if not kept.any():
         return None
@@ -101,9 +105,9 @@ def ages_unseen(
     """The model with the ageing by which recordings of one drive differ, and its chance.
 
     Noise may hide it in every recording by itself. All together show it by how far the gain is from
-    steady, and by how little the rates scatter from drive to drive (Student's law); of noise, size
-    and direction are independent, so both chances count (R. A. Fisher's sum of logarithms). It is
-    believed where nothing unsteady is left. The interval of the rate is that of the scatter.
+    steady, and by how little the rates scatter among drives and repeats (Student's law); of noise,
+    size and direction are independent, so both chances count (R. A. Fisher's sum of logarithms). It
+    is believed where nothing unsteady is left. The interval of the rate is that of the scatter.
     """
     if model.counts_on or model.remembering:
         return None

@@ -81,3 +81,24 @@ def test_a_gain_that_is_not_steady_for_another_reason_is_no_ageing():
     found = diagnose(recordings(wobbling, repeats=3, conditions=shuffled()))
     assert "cycle-aging" not in [f.cause for f in found.findings]
     assert found.unexplained.detected
+
+
+TWO = CONDITIONS[2], CONDITIONS[1]
+
+
+@pytest.mark.parametrize("seed", [0, *(pytest.param(s, marks=pytest.mark.study) for s in (1, 2))])
+def test_repeats_of_two_drives_are_enough_to_see_it(seed):
+    (finding,) = diagnose(recordings(aged(0.0015), repeats=3, seed=seed, conditions=TWO)).findings
+    assert finding.cause == "cycle-aging"
+    assert finding.parameters["rate_per_decade"].value == pytest.approx(0.0015, rel=0.25)
+
+
+@pytest.mark.study
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_a_gain_that_creeps_along_through_two_drives_is_no_ageing(seed):
+    gains = iter(1.0 + 3e-4 * np.arange(3 * len(TWO)))
+    found = diagnose(recordings(
+        lambda x, drive, t: x * next(gains), repeats=3, seed=seed, conditions=TWO
+    ))  # fmt: skip
+    assert found.findings == []
+    assert found.unexplained.detected
