@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,6 +38,8 @@ FURTHER = 4  # times that the likeliest frequency is looked for further out
 LONG_S = 0.3  # a recording must last this long
 SUSPECTED = 0.05  # chance of a line, below which it is looked at any closer
 FURTHEST_HZ = 0.35  # that mains are off their frequency
+USUAL, STANDS_OUT = 0.25, 2.0  # quantile of a line's size among drives; times that
+SHARED_ROUNDS = 40
 AGREE = 0.9  # of the lines of all drives, that is left of them when they are added up
 
 
@@ -300,36 +303,81 @@ def _line(rows: list[Row], f: FloatArray) -> tuple[FloatArray, FloatArray]:
 def removed(groups: Groups, model: Model, f: float, p: float, spread_hz: float) -> Hum:
     """The lines fitted and subtracted, one phase per recording.
 
+    Hum is as large in the recordings of every drive. Where a drive has a line of its own there and
+    its recordings stand out, a model that is wrong about it is what they have beside: they are
+    given back what they share, and do not count for the size.
+
     ``spread_hz`` : standard deviation of the frequency
     """
     orders = [k for k in ORDERS if k * f < 0.45 * groups.rate]
-    cleaned, powers, errors = [], [], []
-    for g in groups.groups:
-        predicted = g.predicted(model)
-        mean = g.measured_um.mean(axis=0)
-        rows = []
-        reference = mean if g.repeats > 2 else predicted
-        angle = 2.0 * np.pi * f * g.time_s
-        columns = np.array([fn(k * angle) for k in orders for fn in (np.sin, np.cos)])
-        a, b = max(g.blocks, key=lambda block: block[1] - block[0])
-        cell = 1.0 / float(g.time_s[b - 1] - g.time_s[a])
-        for row in g.measured_um:
-            # against the model's residual, so that what all repeats share is taken out as well
-            both = np.vstack([columns, row - predicted])
-            cut = np.concatenate([
-                both[:, i:j] - both[:, i:j].mean(axis=1, keepdims=True) for i, j in g.blocks
-            ], axis=1)  # fmt: skip
-            shares = np.linalg.lstsq(cut[:-1].T, cut[-1], rcond=None)[0]
-            rows.append(row - shares @ columns)
-            power = float(shares[0] ** 2 + shares[1] ** 2)
-            around = Row(g.time_s[a:b], (row - reference)[a:b], 1.0).power(f + AROUND * cell)
-            noise = float(np.mean(around)) / HANN
-            powers.append(power - noise)
-            errors.append(noise)
-        cleaned.append(g.with_measured(np.array(rows)))
+    fitted = [_fitted(g, model, f, orders) for g in groups.groups]
+    sizes = np.array([np.sqrt(np.mean(np.abs(own.lines) ** 2, axis=0)) for own in fitted])
+    usual = np.quantile(sizes, USUAL, axis=0, method="lower")
+    beside = (sizes > STANDS_OUT * usual) & np.array([own.driven for own in fitted])
+    cleaned = []
+    for g, own, spoilt in zip(groups.groups, fitted, beside, strict=True):
+        lines = own.lines.copy()
+        for k in np.flatnonzero(spoilt):
+            lines[:, k] -= shared(lines[:, k], float(usual[k]))
+        turned = np.exp(2j * np.pi * f * np.outer(orders, g.time_s))
+        cleaned.append(g.with_measured(g.measured_um - (lines.conj() @ turned).real))
+    counted = [own for own, spoilt in zip(fitted, beside, strict=True) if not spoilt[0]]
+    powers = np.concatenate([own.powers for own in counted])
+    errors = np.concatenate([own.noise for own in counted])
     size = float(np.sqrt(max(float(np.mean(powers)), 1e-18)))
-    n = len(powers)
+    n = powers.size
     scatter = float(np.std(powers, ddof=1)) if n > 1 else 0.0
     spread = min(scatter / (2.0 * size), np.sqrt(scatter)) if n > 1 else np.sqrt(errors[0] / 2.0)
     error = max(float(spread), float(np.sqrt(np.mean(errors) / 2.0))) / np.sqrt(n)
     return Hum(groups.with_(cleaned), p, f, 1e3 * size, 1e3 * error, spread_hz)
+
+
+class _Lines(NamedTuple):
+    """Of a group: ``lines`` (R, k), complex, cosines real, um; of the first one the ``powers`` (R,)
+    less the ``noise`` beside, um^2; and whether the drive has lines there itself, (k,).
+    """
+
+    lines: NDArray[np.complex128]
+    powers: FloatArray
+    noise: FloatArray
+    driven: NDArray[np.bool_]
+
+
+def _fitted(g: Group, model: Model, f: float, orders: list[int]) -> _Lines:
+    """Lines of every recording, against the model's residual, so that what all repeats share is
+    taken out as well.
+    """
+    predicted, mean = g.predicted(model), g.measured_um.mean(axis=0)
+    reference = mean if g.repeats > 2 else predicted
+    angle = 2.0 * np.pi * f * g.time_s
+    columns = np.array([fn(k * angle) for k in orders for fn in (np.cos, np.sin)])
+    a, b = max(g.blocks, key=lambda block: block[1] - block[0])
+    cell = 1.0 / float(g.time_s[b - 1] - g.time_s[a])
+    lines, noise = [], []
+    for row in g.measured_um:
+        both = np.vstack([columns, row - predicted])
+        cut = np.concatenate([
+            both[:, i:j] - both[:, i:j].mean(axis=1, keepdims=True) for i, j in g.blocks
+        ], axis=1)  # fmt: skip
+        shares = np.linalg.lstsq(cut[:-1].T, cut[-1], rcond=None)[0]
+        lines.append(shares[::2] + 1j * shares[1::2])
+        around = Row(g.time_s[a:b], (row - reference)[a:b], 1.0).power(f + AROUND * cell)
+        noise.append(float(np.mean(around)) / HANN)
+    at, beside = np.array(lines), np.array(noise)
+    driven = np.zeros(len(orders), bool)
+    for comb in _combs(g)[0]:
+        wanted = np.array(orders) * f
+        driven |= abs(wanted - comb * np.maximum(np.rint(wanted / comb), 1.0)) < WIDE * cell
+    return _Lines(at, np.abs(at[:, 0]) ** 2 - beside, beside, driven)
+
+
+def shared(lines: NDArray[np.complex128], size: float) -> complex:
+    """What is the same in lines (R,) of any phase that would each be of one size without it.
+
+    Of what does, the least.
+    """
+    same = 0.0 + 0.0j
+    for _ in range(SHARED_ROUNDS):
+        off = lines - same
+        same = complex(np.mean(lines - size * off / np.maximum(np.abs(off), 1e-300)))
+    return same
