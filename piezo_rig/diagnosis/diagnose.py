@@ -57,6 +57,7 @@ from piezo_rig.diagnosis.unexplained import (
     Unexplained,
     unexplained,
     with_bursts,
+    with_drifting,
     with_gain,
     with_levels,
     with_line,
@@ -67,6 +68,7 @@ from piezo_rig.diagnosis.unexplained import (
 from piezo_rig.diagnosis.unlike import within_what_is_wrong
 from piezo_rig.diagnosis.unsteady import unsteady, unsteady_cycles
 from piezo_rig.diagnosis.wandering import AGEING, WANDERS, wandering
+from piezo_rig.diagnosis.warming import drifting
 from piezo_rig.identification import prepare
 from piezo_rig.run_file.sweep import Sweep
 
@@ -339,6 +341,8 @@ def _rest(
     else:
         gain = unsteady_cycles(space.groups, space.whitener, model)
         rest = with_gain(rest, gain, noise_nm, by_laws_nm(rungs, AGEING), "cycles")
+    at_one_time = space.groups.with_([g.at_one_time(model) for g in space.groups.groups])
+    rest = with_drifting(rest, drifting(at_one_time, model))
     rest = with_bursts(rest, bursts(space.groups, model), floor)
     rest = with_levels(rest, levels(clean))
     return with_slips(rest, slips(space, last), noise_nm)

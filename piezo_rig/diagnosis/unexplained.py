@@ -21,6 +21,7 @@ from piezo_rig.diagnosis.scores import score_generic
 from piezo_rig.diagnosis.slips import Slips
 from piezo_rig.diagnosis.space import Space
 from piezo_rig.diagnosis.unsteady import Unsteady
+from piezo_rig.diagnosis.warming import Drifting
 from piezo_rig.diagnosis.warmth import still_warm
 
 FloatArray = NDArray[np.float64]
@@ -30,6 +31,7 @@ OF_WARMTH = ("clock", "frequency")
 LINES = 0.2  # of the false alarms that a line may take, and a gain
 # of the noise floor: an unsteady gain or a ripple, and a line, that are worth a word
 SEEN, OF_A_LINE = 0.1, 0.02
+DRIFTS = 1.0  # of the noise, by which recordings may drift apart without a word
 SHARE = 0.2  # of the structured power that a tag must carry to be named
 # of the noise, that structure must exceed: where it was measured between repeats, and where it was
 # estimated from what is left, so that slow noise and slow structure are told apart by assumption
@@ -196,6 +198,15 @@ def with_gain(
             "steady")  # fmt: skip
     least = float(np.hypot(SEEN * noise_nm, of_ageing_nm))
     return _besides(rest, gain.p_value, gain.rms_nm, least, ("clock", "displacement"), text)
+
+
+def with_drifting(rest: Unexplained, found: Drifting | None) -> Unexplained:
+    """The verdict with a zero that drifts otherwise from one recording to the next."""
+    if found is None or found.p_value > LEVEL * LINES:
+        return rest
+    text = (f"recordings of one drive drift apart by {_two(found.rate_nm_s)} nm/s, "
+            f"{_two(found.rms_nm)} nm rms: the zero drifts, at a rate that changes")  # fmt: skip
+    return _besides(rest, found.p_value, found.rms_nm, DRIFTS * found.noise_nm, ("clock",), text)
 
 
 def with_wandering(rest: Unexplained, share: float, rms_nm: float) -> Unexplained:

@@ -7,6 +7,7 @@ else is slow.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -16,6 +17,7 @@ from piezo_rig.causes.cause import added_by
 from piezo_rig.causes.thermal_drift import ThermalDrift
 from piezo_rig.chain import Model, Stage
 from piezo_rig.diagnosis.chances import fisher_above
+from piezo_rig.diagnosis.early import noise_floor_nm
 from piezo_rig.diagnosis.groups import Group, Groups
 
 FloatArray = NDArray[np.float64]
@@ -24,7 +26,7 @@ LEAST = 3  # slopes beyond those that say how steep and how fast
 BOTH = 3.0  # times as likely by chance as with the settling given: simulated, 5 to 20 slopes
 CHANCE = 0.02  # that slopes settle as well by noise
 HALF_WAVES = np.arange(2.0, 8.0)  # over a recording, that slopes are held against
-CHANCE_OF_FEW = 0.01  # that slopes of few recordings are as large by noise
+AS_STEEP = 0.01  # chance that slopes are as large by noise
 
 
 class _Slopes(NamedTuple):
@@ -59,9 +61,10 @@ def without_settling(groups: Groups, model: Model) -> Groups:
     free = count - 1.0
     ratio = (whole - left) / max(left / free, 1e-300)
     if BOTH * fisher_above(ratio, 1.0, free) > CHANCE:
-        return groups
+        return _as_steep(groups, model)
     drift = ThermalDrift.of(None, rate=rate, settling=settling)
-    return groups.with_([_at_one_time(g, drift) for g in groups.groups])
+    settled = groups.with_([_at_one_time(g, drift) for g in groups.groups])
+    return _as_steep(settled, model)
 
 
 def _slopes(group: Group, model: Model) -> _Slopes | None:
@@ -86,14 +89,37 @@ def _apart(group: Group, model: Model) -> tuple[FloatArray, FloatArray, FloatArr
 
 
 def _as_steep(groups: Groups, model: Model) -> Groups:
-    """Few recordings with the mean slope of their drive's, if theirs are no slow noise.
+    """Recordings with the mean slope of their drive's, if theirs are no slow noise.
 
-    Too few to say how a drift settles, they say whether their slopes are of the noise: half waves
-    over the recording are what it has besides. Of a zero that walks at random slopes are as large
-    as those, each times its number; of any faster noise they are smaller.
+    Where they are too few to say how a drift settles, or it goes to and fro, they still say whether
+    their slopes are of the noise: half waves over the recording are what it has besides. Of a zero
+    that walks at random slopes are as large as those, each times its number; of any faster noise
+    they are smaller.
     """
-    slope = noise = 0.0
-    count, straight = 0, list[Group]()
+    found = drifting(groups, model)
+    return groups if found is None or found.p_value > AS_STEEP else found.straight
+
+
+@dataclass(frozen=True, eq=False)
+class Drifting:
+    """How recordings of one drive differ by straight lines, of ``rate_nm_s`` and ``rms_nm``.
+
+    ``p_value`` : that they are as steep by noise
+    ``noise_nm`` : by which they differ besides
+    ``straight`` : the recordings with the mean slope of their drive's
+    """
+
+    p_value: float
+    rate_nm_s: float
+    rms_nm: float
+    noise_nm: float
+    straight: Groups
+
+
+def drifting(groups: Groups, model: Model) -> Drifting | None:
+    """None without repeats."""
+    slope = noise = square = 0.0
+    count, recordings, straight = 0, 0, list[Group]()
     for group in groups.groups:
         if group.repeats < 2:
             straight.append(group)
@@ -108,13 +134,17 @@ def _as_steep(groups: Groups, model: Model) -> Groups:
         slope += float(along @ along)
         noise += float(np.sum((off @ rest * HALF_WAVES) ** 2)) / HALF_WAVES.size
         count += group.repeats - 1
-        size = columns[:, 1] @ base[:, 2]
-        by = np.outer(along / size, group.time_s - time.mean())
+        rates = along / (columns[:, 1] @ base[:, 2])
+        recordings, square = recordings + group.repeats, square + float(rates @ rates)
+        by = np.outer(rates, group.time_s - time.mean())
         straight.append(group.with_measured(group.measured_um - by))
-    free = float(count * HALF_WAVES.size)
-    if count == 0 or fisher_above(slope / max(noise, 1e-300), float(count), free) > CHANCE_OF_FEW:
-        return groups
-    return groups.with_(straight)
+    if count == 0:
+        return None
+    free, alike = float(count * HALF_WAVES.size), groups.with_(straight)
+    chance = float(fisher_above(slope / max(noise, 1e-300), float(count), free))
+    before, after = noise_floor_nm(groups) or 0.0, noise_floor_nm(alike) or 0.0
+    rms_nm = float(np.sqrt(max(before**2 - after**2, 0.0)))
+    return Drifting(chance, 1e3 * float(np.sqrt(square / recordings)), rms_nm, after, alike)
 
 
 def _fitted(slopes: list[_Slopes], settling: float) -> tuple[float, float, float]:

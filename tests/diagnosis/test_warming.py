@@ -8,13 +8,15 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
+from piezo_rig.causes import named_model
 from piezo_rig.diagnosis import diagnose
 from piezo_rig.diagnosis.fit import starting_model
 from piezo_rig.diagnosis.grouping import group_tracks
-from piezo_rig.diagnosis.warming import without_settling
+from piezo_rig.diagnosis.warming import drifting, without_settling
 from piezo_rig.identification import prepare
 from piezo_rig.run_file.sweep import Sweep
 from tests.diagnosis.sliders import play
+from tests.diagnosis.small_bench import recordings
 
 RATE, NOISE_NM = 1000.0, 3.0
 EVERY_S, SETTLES_S = 60.0, 400.0
@@ -150,3 +152,36 @@ def test_a_drift_that_settles_is_found_in_two_recordings_of_two_drives(seed):
     assert [f.cause for f in found.findings] == ["thermal-drift"]
     assert found.rungs[0].rms_nm > 1.2 * NOISE_NM
     assert found.rungs[-1].rms_nm < 1.1 * NOISE_NM
+
+
+@pytest.mark.study
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_a_zero_that_goes_to_and_fro_is_no_noise(seed):
+    """As by the air conditioning: neither steady nor settling, and repeats differ by it."""
+    phase = np.random.default_rng(seed).uniform(0.0, 2.0 * np.pi)
+    found = diagnose(recordings(
+        sensor=lambda x, t, rng: x + 0.03 * 6.0 * np.sin(t / 6.0 + phase), repeats=3, seed=seed,
+    ))  # fmt: skip
+    assert found.unexplained.detected
+    assert "clock" in found.unexplained.depends_on
+    assert "the zero drifts" in found.unexplained.text
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_straight_lines_are_told_from_noise_by_their_size(seed):
+    """Slopes of 20 nm/s rms beside 2 nm of white noise, and that noise alone."""
+    steep = np.random.default_rng(seed).normal(0.0, 0.02, 12)
+    for slopes in (steep, np.zeros(12)):
+        own = iter(slopes)
+        sweeps = recordings(
+            sensor=lambda x, t, rng, own=own: x + next(own) * (t - t[0]), repeats=3, seed=seed
+        )
+        groups = group_tracks(prepare(sweeps, first_rises=True), sweeps)
+        told = drifting(groups, starting_model(groups, named_model("classical"), "classical"))
+        if slopes.any():
+            off = slopes.reshape(3, 4) - slopes.reshape(3, 4).mean(axis=0)
+            assert told.p_value < 1e-6
+            assert told.rate_nm_s == pytest.approx(1e3 * off.std(), rel=0.1)
+            assert told.noise_nm == pytest.approx(2.0, rel=0.05)
+        else:
+            assert told.p_value > 1e-3

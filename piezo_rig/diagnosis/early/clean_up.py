@@ -254,4 +254,8 @@ def hum_again(
     surest = min((spread_hz, told.value), (heard.spread_hz, heard.frequency))
     hum = removed(before, point.model, surest[1], found.p_value, surest[0])
     hum, _ = _by_turns(before, point, hum, refitted)
-    return replace(found, parameters=dict(hum.stage().parameters), groups=hum.groups)
+    parameters = dict(hum.stage().parameters)
+    size = parameters["amplitude"].ci95
+    if size is not None and not size[0] > 0.0:  # what was different from one repeat to the next
+        return None
+    return replace(found, parameters=parameters, groups=hum.groups)
