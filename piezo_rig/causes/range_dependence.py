@@ -13,6 +13,9 @@ A spring that becomes another one at a turning point may keep its force there, a
 sliders do (``carries`` 1): it is turned round from what the half loop before has left in it. By the
 branches of the thesis it begins anew (0).
 
+What a half loop gains by it may stay (``closing`` 0), or be given back until twice the ``reach``
+(1), so that it ends where it would have.
+
 What becomes of a loop that the drive closes exactly, and not beyond, no law says: forgotten
 (``ties`` 0), or its older branch taken up again further on (1). With a law it shows.
 
@@ -46,6 +49,7 @@ class RangeDependence(FirstSpring):
         "slope": "stiffness just after a turning point, by volt of the range before it",
         "ties": "1: a loop that is closed exactly goes on beyond; 0: it is forgotten",
     }
+    closings: ClassVar[tuple[float, ...]] = (0.0, 1.0)
     optional: ClassVar[Mapping[str, str]] = {**REACHING, "ties": "1", "carries": "1"}
     given: ClassVar[tuple[str, ...]] = (*GIVEN, "ties", "carries")
 
