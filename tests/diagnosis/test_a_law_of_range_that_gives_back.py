@@ -51,8 +51,8 @@ def test_what_it_adds_is_taken_back_at_twice_the_reach():
     up = np.linspace(0.0, 60.0, 601)
     drive = np.concatenate([up, up[-2::-1], up[1:]])
     time = np.arange(drive.size) * 1e-3
-    plain, bent = (m.simulate(time, drive, "virgin")
-                   for m in (Model((Maxwell.of(table),)), Model((Maxwell.of(table), law))))  # fmt: skip
+    plain = Model((Maxwell.of(table),)).simulate(time, drive, "virgin")
+    bent = Model((Maxwell.of(table), law)).simulate(time, drive, "virgin")
     moved = np.abs(plain - plain[600])[600:1200]
     added = np.abs(bent - plain)[600:1200]
     assert added[moved >= 2.2].max() < 1e-9
