@@ -49,6 +49,7 @@ class Context:
     first_rises : whether any recording begins virgin and rises
     holds : whether the drive stops and stands still again and again
     corners : whether it mostly turns from one sample to the next
+    repeated : whether repeats show the noise
     """
 
     model: Model
@@ -68,6 +69,7 @@ class Context:
     first_rises: bool = False
     holds: bool = False
     corners: bool = False
+    repeated: bool = False
 
     @property
     def fastest_v_per_s(self) -> float:
@@ -353,9 +355,14 @@ class FirstSpring(Cause):
         return [self.with_values(carries=float(not carries), closing=0.0)]
 
     @classmethod
+    def closings_in(cls, context: Context) -> tuple[float, ...]:
+        """Of the forms that are looked for."""
+        return cls.closings
+
+    @classmethod
     def variants(cls, context: Context) -> list[list[Stage]]:
         size = 0.01 * context.span_v / context.travel_um
-        every = forms(context, cls.closings)
+        every = forms(context, cls.closings_in(context))
         if "carries" in cls.optional:
             every += [f | {"carries": 1.0} for f in forms(context, (0.0,), (0.0,))]
         return [

@@ -30,7 +30,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import ClassVar
 
-from piezo_rig.causes.cause import GIVEN, REACHING, FirstSpring
+from piezo_rig.causes.cause import GIVEN, REACHING, Context, FirstSpring
 from piezo_rig.chain.branches import Branches, FloatArray
 from piezo_rig.chain.half_loops import HalfLoops
 
@@ -49,13 +49,17 @@ class RangeDependence(FirstSpring):
         "slope": "stiffness just after a turning point, by volt of the range before it",
         "ties": "1: a loop that is closed exactly goes on beyond; 0: it is forgotten",
     }
-    closings: ClassVar[tuple[float, ...]] = (0.0, 1.0)
     optional: ClassVar[Mapping[str, str]] = {**REACHING, "ties": "1", "carries": "1"}
     given: ClassVar[tuple[str, ...]] = (*GIVEN, "ties", "carries")
 
     def shape(self, branches: Branches) -> Branches:
         keeps = self.parameters["ties"].value > 0 if "ties" in self.parameters else False
         return replace(super().shape(branches), keeps_ties=keeps)
+
+    @classmethod
+    def closings_in(cls, context: Context) -> tuple[float, ...]:
+        """What is given back is like much else that a base lacks: where the noise is known."""
+        return (0.0, 1.0) if context.repeated else cls.closings
 
     @staticmethod
     def history(loops: HalfLoops) -> FloatArray:

@@ -42,6 +42,7 @@ def context_of(space: Space, model: Model) -> Context:
         space.groups.has_first_rise,
         _holds(space.groups),
         _corners(space.groups),
+        space.groups.repeats > 1,
     )  # fmt: skip
 
 

@@ -14,6 +14,7 @@ from piezo_rig.causes.output_bend import OutputBend
 from piezo_rig.chain import Model
 from piezo_rig.chain.bend import Bend
 from piezo_rig.diagnosis.abreast import abreast
+from piezo_rig.diagnosis.bands import shared_band
 from piezo_rig.diagnosis.bursts import bursts
 from piezo_rig.diagnosis.checks import (
     baseline_warnings,
@@ -56,6 +57,7 @@ from piezo_rig.diagnosis.slips import slips
 from piezo_rig.diagnosis.unexplained import (
     Unexplained,
     unexplained,
+    with_band,
     with_bursts,
     with_drifting,
     with_gain,
@@ -345,7 +347,8 @@ def _rest(
     rest = with_drifting(rest, drifting(at_one_time, model))
     rest = with_bursts(rest, bursts(space.groups, model), floor)
     rest = with_levels(rest, levels(clean))
-    return with_slips(rest, slips(space, last), noise_nm)
+    rest = with_slips(rest, slips(space, last), noise_nm)
+    return with_band(rest, shared_band(clean, model), noise_nm)
 
 
 def _on_the_scale_of(known: Groups, groups: Groups) -> Groups:

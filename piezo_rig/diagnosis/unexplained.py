@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from piezo_rig.diagnosis import dictionary
+from piezo_rig.diagnosis.bands import Band
 from piezo_rig.diagnosis.bursts import Bursts
 from piezo_rig.diagnosis.early.lines import Line
 from piezo_rig.diagnosis.levels import Levels
@@ -31,6 +32,7 @@ OF_WARMTH = ("clock", "frequency")
 LINES = 0.2  # of the false alarms that a line may take, and a gain
 # of the noise floor: an unsteady gain or a ripple, and a line, that are worth a word
 SEEN, OF_A_LINE = 0.1, 0.02
+OF_A_BAND = 2.0  # of what may be left, that may be in one band
 DRIFTS = 1.0  # of the noise, by which recordings may drift apart without a word
 SHARE = 0.2  # of the structured power that a tag must carry to be named
 # of the noise, that structure must exceed: where it was measured between repeats, and where it was
@@ -207,6 +209,18 @@ def with_drifting(rest: Unexplained, found: Drifting | None) -> Unexplained:
     text = (f"recordings of one drive drift apart by {_two(found.rate_nm_s)} nm/s, "
             f"{_two(found.rms_nm)} nm rms: the zero drifts, at a rate that changes")  # fmt: skip
     return _besides(rest, found.p_value, found.rms_nm, DRIFTS * found.noise_nm, ("clock",), text)
+
+
+def with_band(rest: Unexplained, band: Band | None, noise_nm: float) -> Unexplained:
+    """The verdict with what all repeats share in a band of frequencies, where nothing else stands
+    out.
+    """
+    if rest.detected or band is None or band.p_value > LEVEL * LINES:
+        return rest
+    text = (f"all repeats share {_two(band.rms_nm)} nm rms between {band.low_hz:.3g} and "
+            f"{band.high_hz:.3g} Hz that no cause has: something rings or turns there")  # fmt: skip
+    least = max(OF_A_BAND * rest.allowance_nm, SEEN * noise_nm)
+    return _besides(rest, band.p_value, band.rms_nm, least, ("frequency",), text)
 
 
 def with_wandering(rest: Unexplained, share: float, rms_nm: float) -> Unexplained:
