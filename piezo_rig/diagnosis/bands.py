@@ -12,7 +12,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
-from scipy.signal import detrend
 
 from piezo_rig.chain import Model
 from piezo_rig.diagnosis.chances import fisher_above
@@ -74,8 +73,11 @@ def _powers(
     off it, um^2, and how many bins it has.
     """
     left = g.at_one_time(model).measured_um[:, a:b] - g.predicted(model)[a:b]
+    along = np.linspace(-1.0, 1.0, b - a)
+    left = left - left.mean(axis=1, keepdims=True)
+    left = left - np.outer(left @ along / (along @ along), along)
     window = np.sin(np.pi * (np.arange(b - a) + 0.5) / (b - a)) ** 2
-    lines = fft.rfft(detrend(left) * window / np.sqrt(np.mean(window**2))) / (b - a)
+    lines = fft.rfft(left * window / np.sqrt(np.mean(window**2))) / (b - a)
     mean = lines.mean(axis=0)
     apart = np.sum(np.abs(lines - mean) ** 2, axis=0)
     at = np.searchsorted(edges, np.arange(mean.size) * rate / (b - a), side="right") - 1
