@@ -59,7 +59,8 @@ def shared_band(groups: Groups, model: Model) -> Band | None:
     chances = np.array([fisher_above(*r) for r in zip(ratio, *freedom, strict=True)])
     best = int(np.argmin(np.log(np.maximum(chances, 1e-300)) - 1e-6 * ratio))
     samples = sum(b - a for _, a, b in known)
-    beyond = float(power[best] * max(1.0 - 1.0 / ratio[best], 0.0)) / samples
+    real = max(1.0 - 1.0 / max(float(ratio[best]), 1e-300), 0.0)  # not what noise alone would make
+    beyond = float(power[best]) * real / samples
     return Band(
         min(1.0, count * float(chances[best])), float(edges[best]), float(edges[best + 1]),
         1e3 * float(np.sqrt(beyond)),

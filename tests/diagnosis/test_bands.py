@@ -42,6 +42,10 @@ def slow(rng, n):
     return 3e-3 * np.cumsum(rng.standard_normal(n)) / np.sqrt(n)
 
 
+def exact(rng, n):
+    return np.zeros(n)
+
+
 def told(sweeps):
     groups = group_tracks(prepare(sweeps, first_rises=True), sweeps)
     return shared_band(groups, starting_model(groups, named_model("classical"), "classical"))
@@ -61,6 +65,15 @@ def test_noise_alone_makes_none_unlikely(noise):
     chances = [told(session(0.0, noise, seed)).p_value for seed in range(20)]
     assert sum(p < 0.05 for p in chances) <= 4
     assert min(chances) > 1e-3
+
+
+def test_exact_data_that_a_model_has_are_no_band():
+    groups = group_tracks(prepare(session(0.0, exact, 1), first_rises=True), session(0.0, exact, 1))
+    model = starting_model(groups, named_model("classical"), "classical")
+    predicted = groups.with_([
+        g.with_measured(np.tile(g.predicted(model), (3, 1))) for g in groups.groups
+    ])  # fmt: skip
+    assert shared_band(predicted, model).rms_nm == 0.0
 
 
 def test_where_nothing_is_repeated_nothing_is_shared():
