@@ -20,6 +20,7 @@ from piezo_rig.chain.stage import Signal, Stage
 FloatArray = NDArray[np.float64]
 POWERS = {"square": 2, "cube": 3, "fourth": 4, "fifth": 5}
 NAMES = {power: name for name, power in POWERS.items()}
+LOOKED_AT = (0.0, 1.0 / 3.0, 2.0 / 3.0, 1.0)  # of the span
 
 
 class Bend(Stage):
@@ -43,6 +44,11 @@ class Bend(Stage):
     def none(cls, from_v: float, over_v: float) -> Stage:
         """A bend of nothing, to begin with."""
         return cls.of(None, from_v=from_v, over_v=over_v, **dict.fromkeys(POWERS, 0.0))
+
+    @staticmethod
+    def curvature() -> FloatArray:
+        """Second derivatives by u of all terms at `LOOKED_AT`, their coefficients 1; (k, 4)."""
+        return np.array([[n * (n - 1.0) * u ** (n - 2) for n in NAMES] for u in LOOKED_AT])
 
     def act(self, signal: Signal) -> Signal:
         numbers = tuple(self[name] for name in self.units)

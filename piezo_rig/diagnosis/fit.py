@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from piezo_rig.causes.cause import Cause
 from piezo_rig.chain import Elements, Maxwell, Model, Stage
+from piezo_rig.chain.bend import Bend
 from piezo_rig.chain.reach import longest_branch
 from piezo_rig.diagnosis.groups import Groups
 from piezo_rig.diagnosis.together import Together
@@ -25,6 +26,8 @@ FloatArray = NDArray[np.float64]
 ELEMENTS = 80
 CLOSER = 1.5
 FLOOR = 1e-3  # of the mean compliance
+SECOND = 0.05  # plausible second difference of compliances, of their mean
+CURVED = 0.4  # plausible second derivative of a bend over its span, of the travel
 STEP = 0.02  # finite differences of stage parameters, in examples
 
 
@@ -212,7 +215,8 @@ def smoothness(point: Point) -> FloatArray:
 
     Second differences of the later branches' compliances. The first rise's are held to those of
     the later branches: first differences of what they differ by, so that a first rise beyond the
-    data goes on as the other curve does.
+    data goes on as the other curve does. A memoryless bend has little curvature: much of it is
+    what a table does as well, and drives of one amplitude hardly tell the two apart.
     """
     rows, at, size = [], 0, point.values().size
     later: tuple[int, FloatArray] | None = None
@@ -236,4 +240,10 @@ def smoothness(point: Point) -> FloatArray:
                 row[of[k + 1]] -= 1.0
                 rows.append(row)
         at += n
+    bend = point.model.stage(Bend.id)
+    if isinstance(bend, Bend) and Bend.id not in point.fixed and point.tables:
+        for curved in Bend.curvature() * (SECOND / (CURVED * bend["over_v"])):
+            row = np.zeros(size)
+            row[at : at + curved.size] = curved
+            rows.append(row)
     return np.array(rows).reshape(-1, size)

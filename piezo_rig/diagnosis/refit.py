@@ -17,12 +17,13 @@ from scipy.linalg import lapack
 from piezo_rig.causes.cause import Cause
 from piezo_rig.chain import Model
 from piezo_rig.diagnosis.columns import near_to, numbers_of
-from piezo_rig.diagnosis.fit import Point, smoothness
+from piezo_rig.diagnosis.fit import FLOOR, SECOND, Point, smoothness
 from piezo_rig.diagnosis.likelihood import Likelihood
 from piezo_rig.diagnosis.linear import Linear
 from piezo_rig.diagnosis.reduction import Reduced, reduce
 from piezo_rig.diagnosis.space import Space
 from piezo_rig.errors import InputError
+from piezo_rig.identification.solve import solve_bounded
 
 FloatArray = NDArray[np.float64]
 STEPS = 5
@@ -34,7 +35,6 @@ ASTRAY = 3.0  # squared error after a step, of that before, that is not followed
 STILL = 0.005  # of the squared error, by which a settled one changes at most beside such a bend
 GROWN = 1.01  # the same beside a bend that is fitted by least squares
 OTHER = 0.05  # of the mean compliance, by which one of them has moved then
-BEND = 0.05  # plausible second difference of compliances, of their mean
 UNKNOWN = 1e6  # variance of what no data know, in squared examples
 PLAUSIBLE = 25.0  # examples that there may be of a bend
 TOGETHER = 3.0  # samples that count as one, for the weight of that
@@ -90,7 +90,24 @@ def element_step(
     gram = raw[:n, :n] + weight * rows.T @ rows
     gram += 1e-12 * np.diag(np.diag(gram)) + 1e-300 * np.eye(n)
     right = right - weight * rows.T @ (rows @ values[:n])
-    return np.asarray(np.linalg.solve(gram, right))
+    compliances = values[: point.compliances]
+    least = FLOOR * float(np.mean(np.abs(compliances))) if compliances.size else 0.0
+    return solved(gram, right, least - compliances)
+
+
+def solved(gram: FloatArray, right: FloatArray, least: FloatArray) -> FloatArray:
+    """Solution (n,) of a positive definite system, the first k numbers of which are no less than
+    ``least`` (k,): of all such the one that leaves least, which is not the free one cut off there.
+    """
+    k = least.size
+    free = np.asarray(np.linalg.solve(gram, right))
+    if np.all(free[:k] >= least):
+        return free
+    begin = np.concatenate([least, np.zeros(right.size - k)])
+    above = solve_bounded(gram, right - gram @ begin, np.arange(right.size) < k, 0.0)
+    unseen = np.isnan(above)
+    above[unseen] = np.maximum(free - begin, 0.0)[unseen]
+    return begin + above
 
 
 def smooth_weight(point: Point, linear: Linear, pieces: Sequence[int] | None = None) -> float:
@@ -105,7 +122,7 @@ def smooth_weight(point: Point, linear: Linear, pieces: Sequence[int] | None = N
     count = linear.count.sum() if pieces is None else linear.count[list(pieces)].sum()
     left = raw[-1, -1] / max(count, 1.0)
     mean = float(np.mean(np.abs(values[: point.compliances])))
-    weight = max(left, 1e-12 * values[:n] @ values[:n]) * TOGETHER / (BEND * mean) ** 2
+    weight = max(left, 1e-12 * values[:n] @ values[:n]) * TOGETHER / (SECOND * mean) ** 2
     return float(min(weight, 1e3 * float(np.mean(np.diag(raw)[:n]))))
 
 
@@ -367,20 +384,24 @@ def _moved(
     """The point after a step, with its residual; a shorter one where the whole leads astray.
 
     That is where it cannot be played, or leaves far more than before: what is linear about a
-    level, or about a mode that rings, is not so for long.
+    level, or about a mode that rings, is not so for long. Beside a bend the compliances follow a
+    part of their way only, where all of it leads astray with the shortest step.
     """
     n = point.linear
-    most = GROWN if any(_of_base(point, id) for id, _ in point.names) else ASTRAY
-    for _ in range(HALVED):
-        values = point.values()
-        values[n:] += change
-        values[:n] += element_step(point, linear, None, change)
-        there = point.moved(values)
-        if playable(space, there.model, whole=True):
-            left = space.with_residual(linear, there)
-            if not change.size or square_of(left) < most * square_of(linear):
-                return there, change, left
-        change = 0.5 * change
+    of_base = any(_of_base(point, id) for id, _ in point.names)
+    most = GROWN if of_base else ASTRAY
+    for partly in (False, True) if of_base else (False,):
+        by, follow = change, element_step(point, linear, None, change)
+        for _ in range(HALVED):
+            values = point.values()
+            values[n:] += by
+            values[:n] += follow if partly else element_step(point, linear, None, by)
+            there = point.moved(values)
+            if playable(space, there.model, whole=True):
+                left = space.with_residual(linear, there)
+                if not by.size or square_of(left) < most * square_of(linear):
+                    return there, by, left
+            by, follow = 0.5 * by, 0.5 * follow
     return point, np.zeros_like(change), linear
 
 
