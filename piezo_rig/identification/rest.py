@@ -126,9 +126,12 @@ def _left_at_end(
     # what the turning points in between drift by, each kind at its own drive
     length = float(loops.stop[k] - loops.start[0])
     drift, spread = 0.0, 0.0
-    turns = loops.start[1 : k + 1]
-    for kind in (turns[::2], turns[1::2]):
-        here = kind[np.abs(up[kind] - np.median(up[kind])) <= tolerance] if kind.size else kind
+    turns, before_that = loops.start[1 : k + 1], loops.start[:k]
+    for first in (0, 1):
+        kind, came_from = turns[first::2], before_that[first::2]
+        # of turning points alike, and come to from alike: a drive at random has none
+        same = [np.abs(up[x] - np.median(up[x])) <= tolerance for x in (kind, came_from) if x.size]
+        here = kind[np.logical_and.reduce(same)] if same else kind
         if here.size < 2:
             continue
         line = np.polyfit(here, displacement[here], 1)

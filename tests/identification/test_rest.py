@@ -76,6 +76,17 @@ def test_a_sweep_that_only_comes_back_to_0_v_at_its_end_shows_what_is_left_there
     assert not begins_at_rest(drive, y[drive.size :])
 
 
+@pytest.mark.parametrize("seed", range(8))
+def test_turning_points_of_a_random_drive_say_nothing_of_a_drift(seed):
+    """Two of them may be at one drive, on branches that are apart."""
+    amid = np.random.default_rng(seed).uniform(14.0, 60.0, 60)
+    drive = ride([0.0, *amid, 75.0, 0.0], 40)
+    whole = ride([0.0, 75.0, 0.0], 100)
+    remembered = played(np.concatenate([whole, drive]))[whole.size :]
+    assert begins_at_rest(drive, played(drive))
+    assert not begins_at_rest(drive, remembered)
+
+
 @pytest.mark.parametrize("bias", [0.0, 40.0])
 def test_a_growing_wave_begins_at_rest_at_0_v_and_not_amid_its_drive(bias):
     """To get to 40 V it was moved, and it remembers that it rose."""
