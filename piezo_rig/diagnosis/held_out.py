@@ -216,7 +216,7 @@ def held_out_errors(
                         own, off = float(part @ part), part - usual
                         at = squares.setdefault((g, r, c), np.zeros(3))
                         at += own, part.size, float(off @ off) if few else own
-                    travel = float(np.ptp(row[a:b]))
+                    travel = float(np.ptp(row))
                     most = float(np.max(np.abs(cut), initial=0.0))
                     worst = max(worst, 100.0 * most / max(travel, 1e-12))
     keys = sorted(squares)
@@ -284,7 +284,7 @@ def _left_out(space: Space, fitted: Fitted, measured: Groups) -> Errors:
                 squares.append(float(error @ error))
                 counts.append(error.size)
                 of.append(g)
-                travel = float(np.ptp(group.measured_um[r, a:b]))
+                travel = float(np.ptp(group.measured_um[r]))  # of all of it, scored or not
                 worst = max(worst, 100.0 * float(np.max(np.abs(error))) / max(travel, 1e-12))
     return Errors(np.array(squares), np.array(counts, float), np.array(of), worst)
 
