@@ -36,6 +36,7 @@ LESS = 0.05  # of that: what is curved by less is taken for straight
 PARTS = np.array([0.25, 0.5, 0.75])  # of a sample, where a curve is followed
 SEEN = 5.0  # times what noise would do, for a look at what they are worth
 PLAINLY = 10.0  # log-likelihood
+SOME = 0.8  # of what is left beyond the noise
 
 
 class Denser(NamedTuple):
@@ -172,12 +173,16 @@ def _with(
     return Denser(np.insert(time_s, at, more_s), np.insert(drive_v, at, more_v), given)
 
 
-def turn_between(space: Space, fitted: Fitted, less: Fitted | None = None) -> bool:
+def turn_between(
+    space: Space, fitted: Fitted, less: Fitted | None = None, weary: bool = False
+) -> bool:
     """Whether a fit is plainly better with corners and curves between samples, where they may be.
 
     ``less`` : the same without its only member; with them it may be as good: a lag of a
     fraction of a sample does much of what a corner does that is not put in. Where much else is
     missing, that is told when it is not: what cuts off corners looks like another corner
+    ``weary`` : whether much was tried already, and something is left; to begin anew then asks for
+    corners that explain some of that
     """
     from piezo_rig.diagnosis.engine import space_of
     from piezo_rig.diagnosis.forms import converged
@@ -199,7 +204,15 @@ def turn_between(space: Space, fitted: Fitted, less: Fitted | None = None) -> bo
     other = converged(there, refit(there, fitted.point, held=True))
     if less is not None and much_left(there, other):
         return False
+    if weary and _beyond(there, other) > SOME * _beyond(space, same):
+        return False
     return other.evidence > same.evidence + PLAINLY
+
+
+def _beyond(space: Space, fitted: Fitted) -> float:
+    """Mean squared error beyond the noise, thinned as the recordings are, nm^2."""
+    mean = 1e6 * _left(fitted) / max(float(fitted.linear.count.sum()), 1.0)
+    return float(max(mean - space.noise_nm**2, 0.0))
 
 
 def _left(fitted: Fitted) -> float:

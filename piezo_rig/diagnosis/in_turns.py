@@ -134,7 +134,8 @@ class InTurns:
                 self._hum_again()
             else:
                 self._hum_behind()
-        if turn_between(self.search.space, self.search.ladder.last):
+        weary = self.patience.lost
+        if turn_between(self.search.space, self.search.ladder.last, weary=weary):
             raise TurnsBetween(self.search.ladder.last.point.model)
         self._phases_anew()
 
