@@ -67,7 +67,7 @@ from piezo_rig.diagnosis.unexplained import (
     with_slips,
     with_wandering,
 )
-from piezo_rig.diagnosis.unlike import within_what_is_wrong
+from piezo_rig.diagnosis.unlike import within_what_is_wrong, within_what_remains
 from piezo_rig.diagnosis.unsteady import unsteady, unsteady_cycles
 from piezo_rig.diagnosis.wandering import AGEING, WANDERS, wandering
 from piezo_rig.diagnosis.warming import drifting
@@ -195,8 +195,18 @@ def _answer(
     tell("the rest")
     refused = search.ladder.scans[-1].refused if search.ladder.scans else {}
     rest = _rest(turns, clean, rungs, refused)
-    if rest.detected and turns.patience.note is not None:
+    in_vain = rest.detected and turns.patience.note is not None
+    if turns.patience.note is not None and in_vain:
         notes.append(turns.patience.note)
+    if rest.detected and own:
+        own = [
+            replace(f, alternatives=list(dict.fromkeys([
+                *f.alternatives,
+                *within_what_remains(space, last, f.cause, 1e-3 * rest.rms_nm),
+            ])))
+            for f in own
+        ]  # fmt: skip
+        findings[-len(own) :] = own
     confused = {f.cause: f.alternatives for f in own}
     if turns.aside is not None:
         notes.append(f"{turns.aside.text} is set aside before causes are looked for; the model "
@@ -213,6 +223,7 @@ def _answer(
         [*([search.first.point.model] * (1 + before)), *(s.fitted.point.model for s in steps)],
         notes, warnings, refused,
         Workings((*(g for _, g in turns.cleaned), *(clean for _ in steps)), space, last),
+        tried_in_vain=in_vain,
     )  # fmt: skip
 
 

@@ -70,6 +70,7 @@ class Diagnosis:
     refused: dict[str, str] = field(default_factory=dict)
     workings: Workings | None = None  # for a report
     assumed: list[str] = field(default_factory=list)  # of recordings, as they were read
+    tried_in_vain: bool = False  # much, on what is left
 
 
 def said_all(found: Diagnosis, baseline: str) -> str:

@@ -1,8 +1,13 @@
-"""Gain or sensitivity where a fixed model is wrong by more than tells the two apart.
+"""Causes where a model is wrong by more than tells them apart.
 
-The two move the displacement nearly alike. By how much they differ is compared with the noise in
-`confusion`; but where, with everything that was found, the model stays further off than it was at
-home, it is wrong by something that nobody has described, and that may look like the difference.
+A gain and a sensitivity move the displacement nearly alike. By how much they differ is compared
+with the noise in `confusion`; but where, with everything that was found, the model stays further
+off than it was at home, it is wrong by something that nobody has described, and that may look like
+the difference.
+
+So it is with a delay, a lag and a loop that opens with speed where something remains unexplained.
+Of data with much structure that nobody has described any of them follows a little more than the
+others: a likelihood, which takes that for noise, tells them apart, and should not.
 """
 
 from __future__ import annotations
@@ -13,8 +18,9 @@ from numpy.typing import NDArray
 from piezo_rig.causes import CAUSES
 from piezo_rig.causes.cause import Cause
 from piezo_rig.chain import Model
+from piezo_rig.diagnosis.confusion import own_columns
 from piezo_rig.diagnosis.refit import Fitted
-from piezo_rig.diagnosis.scan import candidates
+from piezo_rig.diagnosis.scan import by_speed, candidates
 from piezo_rig.diagnosis.space import Space
 
 FloatArray = NDArray[np.float64]
@@ -42,6 +48,44 @@ def within_what_is_wrong(
             moved = [_predicted(space, m) - base for _, m in other.pairs(less)]
             apart[other.id] = min(_beside_um(effect, x) for x in moved)
     return sorted((c for c in apart if apart[c] < wrong_um), key=lambda c: apart[c])
+
+
+def within_what_remains(space: Space, fitted: Fitted, cause: str, rest_um: float) -> list[str]:
+    """Causes that go by speed, as this one does, and differ from it by less than what remains
+    unexplained, once all that is fitted follows; nearest first.
+
+    ``rest_um`` : rms of that
+    """
+    if not by_speed(cause):
+        return []
+    point, model = fitted.point, fitted.point.model
+    less, data = model.without(cause), space.together
+    effect = data.changes(data.remembered(less), [model])
+    own = set(own_columns(point, cause))
+    free = [j for j in range(point.values().size) if j not in own]
+    rows = _centred(space, np.concatenate([effect, point.tangent(data, free)]))
+    base, _ = np.linalg.qr(rows[1:].T)
+    effect = rows[0] - base @ (base.T @ rows[0])
+    apart = {}
+    for other in candidates(space, less)[0]:
+        if other.id == cause or not by_speed(other.id) or model.stage(other.id) is not None:
+            continue
+        moved = _centred(
+            space, data.changes(data.remembered(less), [m for _, m in other.pairs(less)])
+        )
+        moved -= (moved @ base) @ base.T
+        apart[other.id] = min(_beside_um(effect, x) for x in moved)
+    return sorted((c for c in apart if apart[c] < rest_um), key=lambda c: apart[c])
+
+
+def _centred(space: Space, rows: FloatArray) -> FloatArray:
+    """Rows of all thinned data, (k, n), each stretch less its mean, every sample as heavy."""
+    parts = []
+    for index, g in enumerate(space.groups.groups):
+        mine = rows[:, space.together.part(index)]
+        for (a, b), cells in zip(space.groups.edges(g), space.groups.cells(g), strict=True):
+            parts.append(cells.centred(mine[:, a:b]))
+    return np.concatenate(parts, axis=1)
 
 
 def _predicted(space: Space, model: Model) -> FloatArray:
