@@ -82,6 +82,7 @@ def _together(args: argparse.Namespace) -> int:
     from piezo_rig.identification import save_model
     from piezo_rig.report.ladder import ladder_figure
     from piezo_rig.report.page import report_page
+    from piezo_rig.report.verdict import verdict
     from piezo_rig.resources import find
 
     baseline = args.baseline
@@ -94,7 +95,7 @@ def _together(args: argparse.Namespace) -> int:
             found = diagnose(sweeps, baseline, args.seed, progress)
         finally:
             progress.close()
-        print("\n".join(text(found)))
+        print("\n".join([*text(found), "", *verdict(found).in_a_terminal()]))
         # said on loading; whoever reads a file only has to know it too
         return replace(found, warnings=[*warned, *found.warnings], assumed=list(assumed))
 

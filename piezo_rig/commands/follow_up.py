@@ -30,15 +30,25 @@ def play_follow_up(
     Raises
     ------
     InputError : another stack than the data's, or another origin
-    LimitError : the rig does not allow the protocol
+    LimitError : the rig does not allow the protocol, or it goes elsewhere than the data
     BenchError, Aborted : as `run`
     """
     from piezo_rig.commands.run import make_room, record, recover_runs
     from piezo_rig.config import load_rig
+    from piezo_rig.errors import LimitError
     from piezo_rig.protocol import build_plan
     from piezo_rig.runner import new_run_path
 
     rig = load_rig(rig_name)
+    if advice.scaled:
+        beyond = LimitError(
+            "follow-up-range", f"{advice.protocol} was not played: it has to be {advice.scaled}",
+            "the stack was never driven as far as the protocol goes",
+            "copy the protocol file, change its voltages, `piezo-rig run` the copy, then diagnose "
+            "everything together",
+        )  # fmt: skip
+        beyond.piezo = "not touched; nothing was played"
+        raise beyond
     _check_stack(rig, data)
     plan = build_plan(_protocol(advice.protocol, sweeps[0].sample_rate), rig)
     folder = Path(data[0]).absolute().parent

@@ -40,8 +40,8 @@ class Bursts:
     def text(self) -> str:
         places = ", ".join(f"{seconds:.3g} s into {name}" for name, seconds in self.at)
         return (
-            f"the noise is not steady: up to {self.times:.2g} times as much as elsewhere, "
-            f"{self.rms_nm:.2g} nm rms of all that is taken for noise, as {places}"
+            f"the noise is not steady: at times it is up to {self.times:.2g} times as loud as "
+            f"elsewhere, {self.rms_nm:.2g} nm rms more in all, for instance {places}"
         )
 
 

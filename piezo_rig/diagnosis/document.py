@@ -17,6 +17,7 @@ SCHEMA = "piezo-rig/diagnosis/1"
 LEAST_P = 1e-299  # a chance is small, and never none
 TRIED_OUT = 1e-6  # a chance: nobody has tried out laws of chance further than that
 PRINTED = 20  # events of one cause, in a terminal
+FEW = 4  # recordings that are listed there
 
 
 def document(d: Diagnosis) -> dict[str, Any]:
@@ -91,8 +92,7 @@ def text(d: Diagnosis) -> list[str]:
         f"up to {d.repeats} repeat{'' if d.repeats == 1 else 's'}; "
         + ("nothing held out" if d.held_out == "none" else f"held out by {d.held_out}")
     )
-    for name, offset in d.recordings if len(d.recordings) > 1 else []:
-        lines.append(f"          {name}: offset {round(offset, 3) + 0.0:+.3f} um")  # no -0.000
+    lines += _offsets(d)
     floor = "not known (no repeats)" if d.noise_floor_nm is None else f"{d.noise_floor_nm:.2f} nm"
     lines += [f"noise     {floor}", "", "the ladder                     rms nm   max %     gain"]
     for i, rung in enumerate(d.rungs):
@@ -104,6 +104,7 @@ def text(d: Diagnosis) -> list[str]:
             line += f"{finding.gain_percent:8.1f} %  [{low:.1f}, {high:.1f}]"
         lines.append(line)
     lines.append("")
+    lines += _left_out(d)
     if not d.findings:
         lines.append(
             "findings  none: no known cause says what is left" if d.unexplained.detected
@@ -114,6 +115,7 @@ def text(d: Diagnosis) -> list[str]:
             f"finding   {finding.cause} ({finding.place}), "
             f"chance of a false alarm {_chance(finding.p_value)}"
         )
+        lines += _gain(d, finding)
         for name, p in finding.parameters.items():
             if not (finding.events and name in LISTED) and not _is_chosen(finding, name):
                 lines.append(f"          {name} = {_number(p)}")
@@ -122,8 +124,6 @@ def text(d: Diagnosis) -> list[str]:
         lines += _events(d, finding)
         if finding.alternatives:
             lines.append(f"          cannot be told from: {', '.join(finding.alternatives)}")
-    for cause, reason in d.refused.items():
-        lines.append(f"left out  {cause}: {reason}")
     u = d.unexplained
     if u.detected:
         lines.append(f"unexplained  {u.text}")
@@ -142,6 +142,38 @@ def text(d: Diagnosis) -> list[str]:
             + (f"; {d.follow_up.scaled}" if d.follow_up.scaled else "")
         )
     return lines
+
+
+def _offsets(d: Diagnosis) -> list[str]:
+    """Where recordings begin, against the first: one by one where they are few."""
+    if len(d.recordings) < 2:
+        return []
+    offsets = [round(offset, 3) + 0.0 for _, offset in d.recordings]  # no -0.000
+    head = f"offsets   {min(offsets):+.3f} to {max(offsets):+.3f} um"
+    said = [f"{head}: where recordings stand on the sensor's scale, against the first"]
+    if len(offsets) > FEW:
+        return [f"{said[0]}; --json lists them"]
+    names = (name for name, _ in d.recordings)
+    return said + [f"          {n}: {o:+.3f} um" for n, o in zip(names, offsets, strict=True)]
+
+
+def _left_out(d: Diagnosis) -> list[str]:
+    """Causes that were not taken in, those with the same reason together."""
+    by_reason = dict[str, list[str]]()
+    for cause, reason in d.refused.items():
+        by_reason.setdefault(reason, []).append(cause)
+    return [f"left out  {', '.join(causes)}: {reason}" for reason, causes in by_reason.items()]
+
+
+def _gain(d: Diagnosis, finding: Finding) -> list[str]:
+    """What a finding does to the error, from the rung before it."""
+    index = d.findings.index(finding)
+    at = next((i for i, r in enumerate(d.rungs) if r.finding == index), 0)
+    if at == 0 or finding.gain_percent is None or finding.gain_ci95 is None:
+        return []
+    low, high = finding.gain_ci95
+    return [f"          gain = {finding.gain_percent:.1f} %  [{low:.1f}, {high:.1f}]: "
+            f"{d.rungs[at - 1].rms_nm:.4g} to {d.rungs[at].rms_nm:.4g} nm rms"]  # fmt: skip
 
 
 def _chance(p: float) -> str:

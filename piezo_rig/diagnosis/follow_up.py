@@ -30,7 +30,7 @@ FloatArray = NDArray[np.float64]
 THIN = 25
 FAINT = 6.0  # d' from which on anything is found
 ENOUGH = float(np.sqrt(1.0 - (APART / FAINT) ** 2))  # cosine at which even that is told apart
-AS_FAR = 0.2  # of a protocol's highest drive, by which its ends may lie off those of the data
+AS_FAR = 0.2  # by which a protocol may go beyond the data, of their highest drive or its own
 RESTS_S = 1.0  # at rest within a sweep: an actuator recovers from it, in part
 
 
@@ -134,7 +134,7 @@ def rest_s(drive_v: FloatArray, rate: float) -> float:
 def _scaled(top_v: float, space: Space) -> str:
     """How a protocol from 0 to ``top_v`` must be scaled to stay where the data were."""
     low, high = space.groups.ends_v
-    if max(abs(low), abs(high - top_v)) <= AS_FAR * top_v:
+    if low <= AS_FAR * top_v and top_v <= (1.0 + AS_FAR) * high:  # nowhere new
         return ""
     return (f"scaled to the {low:.3g} to {high:.3g} V of these recordings, for it goes up to "
             f"{top_v:.3g} V")  # fmt: skip

@@ -27,7 +27,7 @@ from piezo_rig.report.sections import (
     rest_html,
 )
 from piezo_rig.report.sheet import sheet
-from piezo_rig.report.words import verdict
+from piezo_rig.report.verdict import verdict
 
 SHOWN = 3  # warnings at the top
 
@@ -73,8 +73,11 @@ def page(
         ("notes", "Notes", notes_html(found)),
         ("provenance", "Where this comes from", provenance_html(found, hashes)),
     ]  # fmt: skip
-    open_ = found.unexplained.detected or any(f.alternatives for f in found.findings)
-    return sheet(f"Diagnosis of {title}", verdict(found), open_, sections, _warned(found))
+    said = verdict(found)
+    return sheet(
+        f"Diagnosis of {title}", [said.head, *said.rest], said.open, sections, _warned(found),
+        said.causes,
+    )
 
 
 def _warned(found: Diagnosis) -> str:

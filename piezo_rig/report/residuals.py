@@ -16,6 +16,8 @@ from numpy.typing import NDArray
 from piezo_rig.chain import Model
 from piezo_rig.diagnosis.groups import Group, Groups
 from piezo_rig.diagnosis.isolability import Workings
+from piezo_rig.diagnosis.refit import refit
+from piezo_rig.errors import InputError
 
 FloatArray = NDArray[np.float64]
 FEWEST = 2  # half loops for a standard error
@@ -61,6 +63,11 @@ class Samples:
         return np.abs(self.drive_v - self.group.loops.extremum_v[self.loop])
 
     @property
+    def cycle(self) -> FloatArray:
+        """Cycles since the recording began."""
+        return np.asarray(0.5 * self.loop)
+
+    @property
     def direction(self) -> FloatArray:
         return self.group.loops.direction[self.loop]
 
@@ -92,15 +99,37 @@ class Residuals:
     """Residuals (nm) of every rung; what was computed once is kept."""
 
     def __init__(self, workings: Workings, models: Sequence[Model]) -> None:
-        self.groups: tuple[Groups, ...] = workings.groups
-        self.models = list(models)
+        self.rungs = min(len(models), len(workings.groups))
+        self.groups: list[Groups] = list(workings.groups[: self.rungs])
+        self.models = list(models[: self.rungs])
+        self._workings = workings
+        self._known: dict[tuple[str, int], tuple[int, int]] = {}
         self.samples = [Samples(g) for g in workings.groups[0].groups]
         self._predicted: dict[tuple[int, int], FloatArray] = {}
         self._mean: dict[tuple[int, int], FloatArray] = {}
 
-    @property
-    def rungs(self) -> int:
-        return min(len(self.models), len(self.groups))
+    def but_for(self, cause: str, rung: int) -> tuple[int, int]:
+        """Where the residuals of everything but a cause are, and those of everything.
+
+        Without it all that is left of the last model is fitted anew: what shows is what nothing
+        else can do. A cause that is no stage is put back into the recordings. ``rung`` : its own
+        """
+        key = (cause, rung)
+        if key not in self._known:
+            last, point = self.rungs - 1, self._workings.last.point
+            groups, models = [self.groups[last]] * 2, [self.models[last]] * 2
+            if point.model.stage(cause) is None:
+                groups = [self.groups[rung - 1], self.groups[rung]]
+            else:
+                less = _without(self._workings, cause)
+                if less is None:
+                    return rung - 1, rung
+                models[0] = less
+            at = len(self.groups)
+            self.groups += groups
+            self.models += models
+            self._known[key] = at, at + 1
+        return self._known[key]
 
     def mean(self, rung: int, index: int) -> FloatArray:
         """Residual of a group's mean over its repeats, shape (n,), in the order of `samples`."""
@@ -130,6 +159,15 @@ class Residuals:
             self._predicted[key] = group.predicted(self.models[rung])
         off = row - self._predicted[key]
         return 1e3 * np.concatenate([off[a:b] - off[a:b].mean() for a, b in group.blocks])
+
+
+def _without(workings: Workings, cause: str) -> Model | None:
+    """The last model without a cause, fitted anew; None where there is none that can be played."""
+    try:
+        less = refit(workings.space, workings.last.point.without(cause), held=True)
+    except (InputError, np.linalg.LinAlgError):
+        return None
+    return less.point.model
 
 
 @dataclass(frozen=True, eq=False)

@@ -41,6 +41,16 @@ from piezo_rig.report.words import (
     with_unit,
 )
 
+HARDLY = 0.3  # of the noise: what is beyond it may be chance
+TO_TRY = {  # what is left goes with -> what shows more of it
+    "clock": "record as long with the drive held still, which shows what goes by the clock",
+    "frequency": "play rate_sweep, the same drive at several speeds",
+    "time_since_turn": "play hold_steps, which waits after each step",
+    "cycle": "let the actuator rest, and play the same condition again",
+    "range": "play minor_loops, many ranges in one recording",
+    "direction": "play minor_loops, which goes both ways from everywhere",
+}
+
 
 def findings_html(found: Diagnosis, residuals: Residuals | None) -> str:
     """One card to a finding, in the order in which they were accepted."""
@@ -86,11 +96,12 @@ def _finding(found: Diagnosis, index: int, finding: Finding, residuals: Residual
     if finding.events:
         at = _rung(found, index)
         drawn = residuals if at else None
-        out.append(events_html(found, index, finding, drawn, (max(at - 1, 0), at)))
+        pair = residuals.but_for(finding.cause, at) if residuals is not None and at else (0, 0)
+        out.append(events_html(found, index, finding, drawn, pair))
     known = [f"<p><b>{head}.</b> {escape(said[head][:1].upper() + said[head][1:])}</p>"
              for head in ("Physics", "Shows as", "Plausible") if head in said]  # fmt: skip
     if known:
-        out.append(f"<details open><summary>About {escape(finding.cause)}</summary>"
+        out.append(f"<details><summary>About {escape(finding.cause)}</summary>"
                    f"{''.join(known)}</details>")  # fmt: skip
     return "\n".join([*out, "</section>"])
 
@@ -144,8 +155,8 @@ def _figure(found: Diagnosis, index: int, finding: Finding, residuals: Residuals
     if at == 0 or at >= residuals.rungs:
         return ""
     if finding.cause == "mains-hum":
-        given = finding.parameters.get("frequency")
-        plot = hum_plot(residuals, (at - 1, at), given.value if given else FUNDAMENTALS_HZ[0])
+        given, pair = finding.parameters.get("frequency"), residuals.but_for(finding.cause, at)
+        plot = hum_plot(residuals, pair, given.value if given else FUNDAMENTALS_HZ[0])
         text = ("What single recordings have of their own, in clock time; the dotted lines are the "
                 "mains and its odd harmonics. With few repeats the heights depend on how their "
                 "phases happen to lie; the amplitude above does not.")  # fmt: skip
@@ -154,7 +165,8 @@ def _figure(found: Diagnosis, index: int, finding: Finding, residuals: Residuals
     for view in views_of(finding.cause):
         marks = marks_of(finding, residuals)
         plot = before_and_after(
-            residuals, (at - 1, at), finding.cause, view, found.noise_floor_nm, marks
+            residuals, residuals.but_for(finding.cause, at), finding.cause, view,
+            found.noise_floor_nm, marks,
         )
         numbered = ", as numbered below" if any(text for _, text in marks) else ""
         how = f" Dotted: the events{numbered}." if marks else "" if view.envelope else (
@@ -177,7 +189,7 @@ def figure_html(plot: Plot, caption: str) -> str:
     if len(plot.panels) > 1:
         closer = (f'<div class="view" hidden>{draw(own_scale(plot))}</div>'
                   '<p class="script" hidden><button type="button" data-swap>'
-                  "look closer at &quot;after&quot;</button></p>")
+                  "look closer at the last one</button></p>")
     return (f'<figure><div class="view">{draw(plot)}</div>{closer}'
             f"<figcaption>{escape(caption)}</figcaption></figure>")  # fmt: skip
 
@@ -214,7 +226,7 @@ def _ripple(found: Diagnosis, residuals: Residuals) -> str:
     if at is None:
         return figure_html(_last(found, residuals, residuals.rungs - 1, view), view.text + words)
     plot = before_and_after(
-        residuals, (at - 1, at), "the ripple set aside", view, found.noise_floor_nm
+        residuals, residuals.but_for(RIPPLE, at), "the ripple", view, found.noise_floor_nm
     )
     return figure_html(plot, view.text + words)
 
@@ -228,8 +240,12 @@ def _inexact(found: Diagnosis, residuals: Residuals, rung: int) -> str:
     off = float(np.sqrt(np.mean(np.concatenate([row**2 for row in rows]))))
     shares = np.concatenate([np.full(r.size, 1.0 / c) for r, c in zip(rows, counts, strict=True)])
     noise = found.noise_floor_nm * float(np.sqrt(np.mean(shares)))
-    return (f"<p>The mean over repeats is off the model by {nm(off)} rms; noise alone would make "
-            f"that {nm(noise)}. What is more is how inexact the model still is.</p>")  # fmt: skip
+    beyond = float(np.sqrt(max(off**2 - noise**2, 0.0)))
+    what = "which is all of it" if beyond < HARDLY * noise else (
+        f"the {nm(beyond)} beyond that are how inexact the model still is"
+    )  # fmt: skip
+    return (f"<p>The mean over repeats is off the model by {nm(off)} rms; noise alone makes "
+            f"about {nm(noise)}, {what}.</p>")  # fmt: skip
 
 
 def _last(found: Diagnosis, residuals: Residuals, rung: int, view: View) -> Plot:
@@ -244,7 +260,7 @@ def next_html(found: Diagnosis, files: Sequence[str], options: Sequence[str] = (
     """What to play next, as it is typed; ``options`` as they were given with the files."""
     confused = [f for f in found.findings if f.alternatives]
     if not confused:
-        return "<p>Nothing is confounded: no further protocol is needed to tell causes apart.</p>"
+        return _nothing_confounded(found)
     pairs = "; ".join(f"{f.cause} from {listed(f.alternatives)}" for f in confused)
     if found.follow_up is None:
         return (f"<p>Not decided yet: {escape(pairs)}. None of the shipped protocols would tell "
@@ -252,30 +268,51 @@ def next_html(found: Diagnosis, files: Sequence[str], options: Sequence[str] = (
     name = found.follow_up.protocol
     data = " ".join(shlex.quote(f) for f in files) or "DATA"
     told = "".join(f" {shlex.quote(o)}" for o in options)
-    play = f"piezo-rig run {shlex.quote(name)} --rig YOUR_BENCH.toml --out runs"
-    look = f"piezo-rig diagnose {data} runs/{name}_*.h5{told} --report decided.html"
+    scaled = found.follow_up.scaled
+    played = f"my_{name}" if scaled else name
+    file = f"./{played}.toml" if scaled else shlex.quote(name)
+    play = f"piezo-rig run {file} --rig YOUR_BENCH.toml --out runs"
+    look = f"piezo-rig diagnose {data} runs/{played}_*.h5{told} --report decided.html"
     at_once = (f"piezo-rig diagnose {data}{told} --follow-up --rig YOUR_BENCH.toml "
                "--report decided.html")  # fmt: skip
-    return (
+    out = [
         f"<p>Not decided yet: {escape(pairs)}. Of the shipped protocols, <b>{escape(name)}</b> "
         f"separates {escape(' from '.join(found.follow_up.separates[:1]))} best from "
-        f"{escape(listed(found.follow_up.separates[1:]))}. Play it on the same stack, then "
-        f"diagnose everything together:</p>{_scaled(found)}"
+        f"{escape(listed(found.follow_up.separates[1:]))}.</p>"
+    ]
+    if scaled:
+        out.append(
+            '<p class="warn"><b>Do not play it as it is shipped.</b> It has to be '
+            f"{escape(scaled)}: copy the protocol file to <code>{escape(played)}.toml</code>, "
+            "change its name and its voltages, and play the copy.</p>"
+        )
+    out.append(
+        "<p>Play it on the same stack, then diagnose everything together:</p>"
         f"<pre>{escape(play)}\n{escape(look)}</pre>"
-        f"<p>Or in one go:</p><pre>{escape(at_once)}</pre>"
-        "<p class=\"quiet\">YOUR_BENCH.toml is the config of your rig; without <code>--rig</code> "
-        f"the simulated bench is played. <code>piezo-rig plan {escape(name)} --rig "
-        "YOUR_BENCH.toml</code> checks it first, without touching hardware.</p>"
     )
+    if not scaled:
+        out.append(f"<p>Or in one go:</p><pre>{escape(at_once)}</pre>")
+    out.append(
+        '<p class="quiet">YOUR_BENCH.toml is the config of the rig that the data come from. '
+        f"<code>piezo-rig plan {escape(file)} --rig YOUR_BENCH.toml</code> checks it first, "
+        "without touching hardware.</p>"
+    )
+    return "".join(out)
 
 
-def _scaled(found: Diagnosis) -> str:
-    """A warning where the protocol goes elsewhere than these data."""
-    if found.follow_up is None or not found.follow_up.scaled:
-        return ""
-    return (f'<p class="warn"><b>As it is shipped it does not fit this actuator.</b> Play it '
-            f"{escape(found.follow_up.scaled)}: copy the protocol file and change its voltages."
-            "</p>")  # fmt: skip
+def _nothing_confounded(found: Diagnosis) -> str:
+    """What may still be played where nothing is confounded."""
+    out = "Nothing is confounded: no protocol is needed to tell the named causes apart."
+    unseen = {c: why for c, why in found.refused.items() if "would show" in why}
+    if found.unexplained.detected:
+        tries = [TO_TRY[w] for w in found.unexplained.depends_on if w in TO_TRY]
+        out += (" More of the same does not name what is unexplained. Change one thing at a time, "
+                "and see whether it stays: the mounting, cables, what else is running"
+                f"{'; ' + '; '.join(dict.fromkeys(tries)) if tries else ''}.")  # fmt: skip
+    if unseen:
+        out += (f" These data could not show {listed(list(unseen), 'or')}: "
+                f"{next(iter(unseen.values()))}.")  # fmt: skip
+    return f"<p>{escape(out)}</p>"
 
 
 def notes_html(found: Diagnosis) -> str:

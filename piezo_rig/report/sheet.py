@@ -10,7 +10,7 @@ from piezo_rig.report.assets import script, style
 
 def sheet(
     title: str, verdict: Sequence[str], open_: bool, sections: Sequence[tuple[str, str, str]],
-    after: str = "",
+    after: str = "", items: Sequence[str] = (),
 ) -> str:  # fmt: skip
     """The page's text.
 
@@ -20,6 +20,7 @@ def sheet(
     open_ : whether the verdict leaves something to be done
     sections : id, heading and HTML; those without HTML are left out
     after : HTML that follows the verdict
+    items : of a list behind the verdict's first sentence
     """
     sections = [s for s in sections if s[2]]
     links = "\n".join(
@@ -29,7 +30,9 @@ def sheet(
         f'<section id="{id}"><h2>{escape(head)}</h2>\n{html}</section>'
         for id, head, html in sections
     )
-    sentences = "".join(f"<p>{escape(s)}</p>" for s in verdict)
+    head, *rest = (f"<p>{escape(s)}</p>" for s in verdict)
+    listed = "".join(f"<li>{escape(item)}</li>" for item in items)
+    sentences = head + (f"<ul>{listed}</ul>" if items else "") + "".join(rest)
     return f"""<!DOCTYPE html>
 <html lang="en"><head><meta charset="utf-8">
 <meta name="viewport" content="width=device-width, initial-scale=1">

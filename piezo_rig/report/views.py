@@ -23,6 +23,7 @@ Mask = NDArray[np.bool_]
 Parts = list[tuple[str, list[Mask]]]
 BINS = 72
 NEIGHBOURS = 11  # samples
+FEWEST = 4  # bins
 CLASSES = 4  # curves of one plot, at most
 RINGS_S = 0.05  # after a corner
 SHARE = 0.25  # of the half loops that a bin must hold, where a curve is to be one population
@@ -45,6 +46,7 @@ class View:
     local : what single samples stand off their neighbours
     centred : every half loop is counted from its own mean
     own : what single recordings have of their own, where a drive was recorded more than once
+    whole : no more bins than there are cycles
     text : one sentence for the caption
     """
 
@@ -61,6 +63,7 @@ class View:
     local: bool = False
     centred: bool = False
     own: bool = False
+    whole: bool = False
 
 
 def _all(samples: Sequence[Samples]) -> Parts:
@@ -75,6 +78,13 @@ def _directions(samples: Sequence[Samples]) -> Parts:
 def _first_rise(samples: Sequence[Samples]) -> Parts:
     return [("first rise from rest", [s.first_rise for s in samples]),
             ("later rises", [~s.first_rise & (s.direction > 0) for s in samples])]  # fmt: skip
+
+
+def _halves(samples: Sequence[Samples]) -> Parts:
+    middles = [0.5 * (s.displacement_um.min() + s.displacement_um.max()) for s in samples]
+    upper = [s.displacement_um > m for s, m in zip(samples, middles, strict=True)]
+    return [("upper half of the travel", upper),
+            ("lower half", [~mask for mask in upper])]  # fmt: skip
 
 
 def _classes(
@@ -104,8 +114,8 @@ def _classes(
 
 _SINCE = View(
     lambda s: s.since_turn_s, "time since the turning point (s, logarithmic)", "s", _directions,
-    "A lag shows as two curves that lie apart, one for each direction, and meet at the turning "
-    "point.", log=True,
+    "A lag shows just after the turning point, as two curves that lie apart, one for each "
+    "direction.", log=True,
 )  # fmt: skip
 _LAST = View(
     lambda s: s.since_turn_s, "time since the turning point (s, logarithmic)", "s", _directions,
@@ -124,7 +134,12 @@ _RINGING = View(
 _CLOCK = View(
     lambda s: s.time_s, "time since the recording began (s)", "s", _all,
     "What goes on with the clock, whatever the drive does, shows as a slope from the beginning of "
-    "a recording to its end.",
+    "a recording to its end.", whole=True,
+)  # fmt: skip
+_CYCLES = View(
+    lambda s: s.cycle, "cycles since the recording began", "", _halves,
+    "A travel that changes from cycle to cycle shows as two curves that run apart, or together: "
+    "one of the upper half of the travel, one of the lower.", whole=True,
 )  # fmt: skip
 _SPIKES = View(
     lambda s: s.time_s, "time since the recording began (s)", "s", _all,
@@ -169,8 +184,8 @@ VIEWS: dict[str, tuple[View, ...]] = {
     ),),
     "direction-asymmetry": (View(
         lambda s: s.change_v, _CHANGE, "V", _directions,
-        "If the two directions differ in shape, the two curves part right after the turning "
-        "point.",
+        "Counted in the direction of the motion: if the two directions differ in shape, the two "
+        "curves part.", along=True,
     ),),
     "range-dependence": (View(
         lambda s: s.change_v, _CHANGE, "V",
@@ -193,7 +208,7 @@ VIEWS: dict[str, tuple[View, ...]] = {
         "Only the first rise from rest differs; later rises over the same drive do not.",
     ),),
     "thermal-drift": (_CLOCK,),
-    "cycle-aging": (_CLOCK,),
+    "cycle-aging": (_CYCLES,),
     "clock-ratio": (_CLOCK,),
     "sensor-clipping": (_DISPLACEMENT,),
     "outliers": (_SPIKES,),
@@ -213,10 +228,10 @@ def before_and_after(
     """The residual on two rungs side by side, on the same axes; ``marks`` stand along x."""
     curves = [curves_of(residuals, rung, view) for rung in rungs]
     return Plot(
-        [Panel(f"before: without {cause}", curves[0]), Panel(f"after: with {cause}", curves[1])],
+        [Panel(f"everything but {cause}", curves[0]), Panel("with everything", curves[1])],
         view.x_label,
         OTHERS if view.own and residuals.groups[0].repeats > 1 else y_label(view),
-        f"Residual against {view.x_label}, before and after {cause} was added.",
+        f"Residual against {view.x_label}, with everything but {cause}, and with everything.",
         view.log, band_nm, view.x_unit, marks=marks,
     )  # fmt: skip
 
@@ -241,7 +256,7 @@ OTHERS = "off the other recordings (nm)"
 REST: dict[str, View] = {
     "displacement": _DISPLACEMENT,
     "range": VIEWS["range-dependence"][0],
-    "cycle": _CLOCK,
+    "cycle": _CYCLES,
     "clock": _CLOCK,
     "frequency": VIEWS["rate-dependence"][0],
 }
@@ -267,7 +282,9 @@ def curves_of(residuals: Residuals, rung: int, view: View) -> list[Curve]:
     samples = residuals.samples
     xs = [view.x(s) for s in samples]
     parts = view.part(samples)
-    edges = _edges(xs, view)
+    # a bin holds whole cycles: part of one would show what the drive does
+    most = max(s.loop.max() + 1.0 for s in samples) / 2.0 if view.whole else None
+    edges = _edges(xs, view, most)
     if view.envelope:
         return _envelope(residuals, rung, xs, edges, view)
     out = []
@@ -301,11 +318,12 @@ def _envelope(
     return [Curve("largest", b.x, b.high), Curve("smallest", b.x, b.low)]
 
 
-def _edges(xs: Sequence[FloatArray], view: View) -> FloatArray:
+def _edges(xs: Sequence[FloatArray], view: View, most: float | None = None) -> FloatArray:
     low = min(float(x.min()) for x in xs)
     high = min(max(float(x.max()) for x in xs), view.most)
     if not view.log:
-        return np.linspace(low, max(high, low + 1e-9), view.bins + 1)
+        bins = view.bins if most is None else int(np.clip(most, FEWEST, view.bins))
+        return np.linspace(low, max(high, low + 1e-9), bins + 1)
     steps = [np.diff(x[:2000]) for x in xs]
     step = float(np.median(np.concatenate([d[d > 0] for d in steps] or [np.array([1e-4])])))
     edges = np.geomspace(0.5 * step, max(high, step), view.bins + 1)

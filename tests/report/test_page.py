@@ -29,7 +29,8 @@ from piezo_rig.report import views
 from piezo_rig.report.matrix import matrix_html
 from piezo_rig.report.page import page, report_page
 from piezo_rig.report.sections import findings_html, next_html
-from piezo_rig.report.words import about, gain_text, interval, scaled, verdict, with_unit
+from piezo_rig.report.verdict import verdict
+from piezo_rig.report.words import about, gain_text, interval, scaled, with_unit
 
 KINDS = ("many", "quiet", "alone", "fixed")
 VOID = ("meta", "input", "img", "br")
@@ -140,7 +141,7 @@ def test_every_event_has_a_row_a_mark_and_a_figure_to_step_through():
         assert f"{e.time_s:.4f} s" in part
         assert f'href="#event-{index}-{k}"' in part
         assert 900 < e.size < 1100  # 1 um was put in
-    assert f"outliers ({planted} events)" in " ".join(verdict(found))
+    assert f"outliers ({planted} events)" in " ".join(verdict(found).lines)
 
 
 def test_what_is_wrong_with_the_data_stands_at_the_top():
@@ -208,12 +209,17 @@ def test_what_cannot_be_told_apart_is_said_with_what_to_type_next():
     assert "piezo-rig run hold_steps --rig" in seen
     assert "piezo-rig diagnose 'my run.h5' runs/hold_steps_*.h5" in seen
     assert 'class="same"' in text.split('class="legend"')[0]  # framed in the table
-    assert "creep may as well be thermal-drift" in " ".join(verdict(found))
+    (line,) = (c for c in verdict(found).causes if c.startswith("creep"))
+    assert "It may as well be thermal-drift" in line
 
 
-def test_the_verdict_is_two_to_four_sentences_of_plain_words():
+def test_the_verdict_is_a_line_to_a_cause_and_a_few_sentences():
     for kind in KINDS:
-        assert 2 <= len(verdict(diagnosis(kind))) <= 4
+        found = diagnosis(kind)
+        said = verdict(found)
+        assert len(said.causes) <= len(found.findings)
+        assert 2 <= len(said.rest) <= 5
+        assert all(len(line.split()) <= 60 for line in said.lines)
 
 
 def test_small_values_are_written_in_smaller_units():
@@ -267,7 +273,7 @@ def test_where_something_is_left_the_model_is_not_said_to_say_all():
     found = replace(diagnosis("quiet"), unexplained=rest)
     assert "no known cause says what is left" in "\n".join(text(found))
     assert "none that is known says what is left" in findings_html(found, None)
-    said = " ".join(verdict(found))
+    said = " ".join(verdict(found).lines)
     assert "none that is known says what is left" in said
     assert "says all that these data can show" not in said
 
@@ -278,7 +284,7 @@ def test_where_the_base_had_to_be_bent_the_baseline_alone_is_not_said_to_say_all
     for found, said in ((plain, "baseline says all"), (bent, "with a memoryless bend, says all")):
         assert said in "\n".join(text(found))
     assert "with a memoryless bend, says all" in findings_html(bent, None)
-    assert "with a memoryless bend, says all" in " ".join(verdict(bent))
+    assert "with a memoryless bend, says all" in " ".join(verdict(bent).lines)
 
 
 @pytest.mark.parametrize(("p_value", "said"), [(2e-299, "below 1e-06"), (0.0004, "0.0004")])
