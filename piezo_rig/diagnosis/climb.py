@@ -31,7 +31,14 @@ from piezo_rig.diagnosis.put_in import LARGE
 from piezo_rig.diagnosis.race import FAR_BEHIND, Tried, raced, tried
 from piezo_rig.diagnosis.reduction import reduce
 from piezo_rig.diagnosis.refit import Fitted, refit, settle
-from piezo_rig.diagnosis.refusals import OF_THE_MISFIT, carrying, of_a_corner, of_a_law, worse
+from piezo_rig.diagnosis.refusals import (
+    BESIDE,
+    OF_THE_MISFIT,
+    carrying,
+    of_a_corner,
+    of_a_law,
+    worse,
+)
 from piezo_rig.diagnosis.scan import LATER, LEVEL, RUN_OFF, Found, Scan, of_base, scan
 from piezo_rig.diagnosis.scores import score_generic
 from piezo_rig.diagnosis.shapes import in_another_shape
@@ -432,7 +439,7 @@ class Search:
 
     def drop(self, id: str, new: Step, less: Fitted) -> None:
         """Take a member out for good; ``less`` is the model without it."""
-        self.barred[id] = f"not needed beside {new.cause}"
+        self.barred[id] = f"{BESIDE}{new.cause}"
         self.steps = [s for s in self.steps if s.cause != id]
         self.steps[-1] = replace(self.steps[-1], fitted=less)
         self.rearranged = True

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -50,6 +50,7 @@ from piezo_rig.diagnosis.levels import levels
 from piezo_rig.diagnosis.memory import give_back
 from piezo_rig.diagnosis.offsets import recording_offsets
 from piezo_rig.diagnosis.refit import settle
+from piezo_rig.diagnosis.refusals import BESIDE
 from piezo_rig.diagnosis.ripples import find_ripple
 from piezo_rig.diagnosis.rungs import Gain, by_laws_nm, rungs_of
 from piezo_rig.diagnosis.scan import LEVEL
@@ -128,8 +129,9 @@ def _diagnosed(
     notes = list(data.left_out)
     if between is not None and (turned := raw.turned(between)) is not None:
         raw = turned
-        notes.append("the drive turns between samples: where the straight lines before and after "
-                     "a corner meet, and along the curve of a fast one")  # fmt: skip
+        notes.append("the drive turns between samples, and is taken to go on there: to where the "
+                     "straight lines before and after a corner meet, and along the curve of a "
+                     "fast sine")  # fmt: skip
     start = plainly(raw, _baseline(raw, baseline))
     warnings = [*data_warnings(raw, sweeps), *baseline_warnings(raw, start)]
     notes += beyond_its_drives(raw, start)
@@ -194,6 +196,7 @@ def _answer(
         notes.append(f"{why}; figures are of the fit itself, gains are not given")
     tell("the rest")
     refused = search.ladder.scans[-1].refused if search.ladder.scans else {}
+    refused = _still_true(refused, {s.cause for s in steps})
     rest = _rest(turns, clean, rungs, refused)
     in_vain = rest.detected and turns.patience.note is not None
     if turns.patience.note is not None and in_vain:
@@ -342,7 +345,7 @@ def _rest(
     noise_nm = floor or min(left_nm, space.sample_noise_nm)
     rest = unexplained(space, last, noise_nm, by_laws_nm(rungs), turns.rng, left_nm)
     line = find_line(clean, model)
-    rest = with_line(rest, line, floor)
+    rest = with_line(rest, line, floor, _frequencies(clean))
     ripple = turns.aside
     if ripple is None and (line is None or line.p_value > LEVEL):  # which is one at one speed
         ripple = find_ripple(clean, model)
@@ -360,6 +363,21 @@ def _rest(
     rest = with_levels(rest, levels(clean))
     rest = with_slips(rest, slips(space, last), noise_nm)
     return with_band(rest, shared_band(clean, model), noise_nm)
+
+
+def _still_true(refused: Mapping[str, str], members: set[str]) -> dict[str, str]:
+    """Reasons, without others that a cause was not needed beside and that have gone since."""
+    gone = "once others were refitted it said no more than the model without it"
+    return {
+        cause: why if not why.startswith(BESIDE) or why.removeprefix(BESIDE) in members else gone
+        for cause, why in refused.items()
+    }
+
+
+def _frequencies(groups: Groups) -> list[float]:
+    """Of the drives, Hz: what most half loops are half a period of."""
+    halves = [(g.time_s[g.loops.stop] - g.time_s[g.loops.start]) for g in groups.groups]
+    return [0.5 / max(float(np.median(h)), 1e-9) for h in halves if h.size]
 
 
 def _on_the_scale_of(known: Groups, groups: Groups) -> Groups:

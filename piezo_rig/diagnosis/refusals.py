@@ -29,6 +29,7 @@ OF_A_CORNER = "at one speed it shows just after corners alone, and explains litt
 # squared error beyond the noise, of that before, with a cause that shows at corners alone; the
 # log-likelihood that makes up for more
 MOST_OF_IT, PLAIN_AT_CORNERS = 0.5, 25.0
+BESIDE = "not needed beside "  # and the name of another
 OF_THE_MISFIT = (
     "fits, but predicts data that it has not seen no better, while the model is still far off"
 )

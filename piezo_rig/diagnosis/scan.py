@@ -155,7 +155,7 @@ def candidates(space: Space, model: Model) -> tuple[list[Candidate], dict[str, s
             refused[id] = space.excluded[id]
             continue
         if kind.needs_first_rise and not space.groups.has_first_rise:
-            refused[id] = "no first rise from rest in the data"
+            refused[id] = "no first rise of an actuator that is known to have rested"
             continue
         if kind.needs_fixed_model and not space.held:
             refused[id] = (

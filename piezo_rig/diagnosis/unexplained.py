@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -43,6 +44,7 @@ BEYOND = 0.7  # of the noise floor, by which what repeats share may be missed
 LUMPS = 1.5e-4  # of the travel: what elements that are lumps leave of a smooth actuator
 AT_MOST = 3.0  # times that, what fine thresholds may take before it is more than lumps
 LEFT_IN_DRIVE = 0.4  # of the noise that was taken out of the drive
+NEAR_OWN = 0.03  # of a drive's frequency, within which a line is its own
 
 
 @dataclass(frozen=True)
@@ -162,11 +164,18 @@ def _known_nm(space: Space, noise_nm: float, left_nm: float) -> float:
     return float(np.sqrt(max(own_nm**2 - noise_nm**2, 0.0)))
 
 
-def with_line(rest: Unexplained, line: Line | None, floor_nm: float | None) -> Unexplained:
-    """The verdict with a line in clock time that no cause explains."""
+def with_line(
+    rest: Unexplained, line: Line | None, floor_nm: float | None, own_hz: Sequence[float] = ()
+) -> Unexplained:
+    """The verdict with a line in clock time that no cause explains.
+
+    ``own_hz`` : frequencies of the drives
+    """
     if line is None or line.p_value > LEVEL * LINES:
         return rest
-    text = f"a line at {line.frequency:.1f} Hz in clock time, {_two(line.rms_nm)} nm rms"
+    own = any(abs(line.frequency - hz) < NEAR_OWN * hz for hz in own_hz)
+    which = ", the frequency of a drive, that repeats differ by" if own else " in clock time"
+    text = f"a line at {line.frequency:.1f} Hz{which}, {_two(line.rms_nm)} nm rms"
     least = OF_A_LINE * (floor_nm or 0.0)
     return _besides(rest, line.p_value, line.rms_nm, least, ("clock", "frequency"), text)
 

@@ -216,10 +216,9 @@ def gathered(notes: Sequence[str]) -> list[str]:
                 out.append(f"{whose}: {said['what']}")
                 continue
             shares = [100.0 * int(m["first"]) / int(m["of"]) for m in every]
-            out.append(
-                f"{whose}: history unknown, "
-                f"{min(shares):.0f} to {max(shares):.0f} % of their samples {said['what']}"
-            )
+            low, high = f"{min(shares):.0f}", f"{max(shares):.0f}"
+            span = high if low == high else f"{low} to {high}"
+            out.append(f"{whose}: history unknown, {span} % of their samples {said['what']}")
     return out
 
 
@@ -238,10 +237,13 @@ def _track(
     band = max(dead_band(s.drive_v) for s in sweeps)
     loops = half_loops(drive, band)
     virgin = sweeps[0].history == "virgin"
+    known_from = "history unknown" if len(sweeps) == 1 else (
+        f"carried through {len(sweeps)} recordings, unknown before the first"
+    )  # fmt: skip
     if not virgin and first_rises and _from_rest(drive, displacement, loops, band, int(edges[1])):
         virgin = True
         left_out.append(
-            f"{label(sweeps[0])}: history unknown, but it begins at rest (its first cycle leaves "
+            f"{label(sweeps[0])}: {known_from}, but it begins at rest (its first cycle leaves "
             "behind what later ones do not): its first rise is taken for an initiation curve"
         )
     if virgin:
@@ -253,7 +255,7 @@ def _track(
         if len(known) > 1:
             why = "before or while the drive went where it had not been"
         left_out.append(
-            f"{label(sweeps[0])}: history unknown, {unused} of {drive.size} samples {why}"
+            f"{label(sweeps[0])}: {known_from}, {unused} of {drive.size} samples {why}"
         )
     blocks, unit = [], []
     for a, b in known:

@@ -28,6 +28,7 @@ from piezo_rig.report.sections import (
 )
 from piezo_rig.report.sheet import sheet
 from piezo_rig.report.verdict import verdict
+from piezo_rig.report.words import gain_text
 
 SHOWN = 3  # warnings at the top
 
@@ -99,7 +100,21 @@ def _ladder(found: Diagnosis) -> str:
     return (f'<figure><div class="view">{ladder_svg(found)}</div><figcaption>From the top: the '
             "model as it was, then with one cause after the other added to it. A bar is the factor "
             f"by which the error falls. {held} Max: the largest error of all, in percent of its "
-            "sweep's travel.</figcaption></figure>")  # fmt: skip
+            "sweep's travel.</figcaption>"
+            f"{_ladder_rows(found)}</figure>")  # fmt: skip
+
+
+def _ladder_rows(found: Diagnosis) -> str:
+    """The ladder's numbers, for a screen that is too narrow for them beside the bars."""
+    rows = []
+    for i, rung in enumerate(found.rungs):
+        finding = None if rung.finding is None else found.findings[rung.finding]
+        gain = "" if finding is None else gain_text(finding).replace("95 %: ", "")
+        name = f"+ {rung.added}" if i else rung.added
+        rows.append(f'<tr><th scope="row">{escape(name)}</th><td>{rung.rms_nm:.2f}</td>'
+                    f"<td>{rung.max_percent:.2f}</td><td>{escape(gain)}</td></tr>")  # fmt: skip
+    return ('<table class="narrow"><tr><th></th><th>rms (nm)</th><th>max (%)</th>'
+            f"<th>gain (95 %)</th></tr>{''.join(rows)}</table>")  # fmt: skip
 
 
 def _matrix(found: Diagnosis) -> str:
