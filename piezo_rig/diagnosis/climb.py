@@ -51,6 +51,7 @@ FloatArray = NDArray[np.float64]
 MOST = 8  # findings
 DOUBTFUL = 1e-6  # chance of a false alarm above which a cause must predict unseen data better
 ROUNDS, FEW = 2, 3
+AS_WELL = 1.0005  # held-out error of a rival, of that of what was taken: less is chance
 CAME_TO_NOTHING = "once refitted it came out at a limit, or no different from nothing"
 # held-out error beside the noise, of that when a cause was refused, below which it is tried again
 NEARER = 0.9
@@ -335,7 +336,7 @@ class Search:
         """
         if CAUSES[id].has_elements or rival.evidence < fitted.evidence - 0.5 * APART**2:
             return False
-        return self.error(0, rival) <= self.error(0, fitted)
+        return self.error(0, rival) <= AS_WELL * self.error(0, fitted)
 
     def may_go_on(self, id: str) -> bool:
         """Whether what a member brings along from before a recording may be all there is of it."""

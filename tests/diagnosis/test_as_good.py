@@ -12,7 +12,9 @@ from piezo_rig.studies.hidden import draw
 @pytest.mark.parametrize(("behind", "error_nm", "id", "as_good"), [
     (7.0, 2.01, "direction-asymmetry", True),
     (9.0, 2.01, "direction-asymmetry", False),  # half the square of a d' of 4 is 8
-    (7.0, 2.03, "direction-asymmetry", False),  # it predicts worse
+    (7.0, 2.0205, "direction-asymmetry", True),  # by no more than chance
+    (7.0, 2.0215, "direction-asymmetry", False),  # it predicts worse
+    (7.0, 2.03, "direction-asymmetry", False),
     (1.0, 2.01, "initiation-stage", False),  # a table has many numbers to say it with
 ])  # fmt: skip
 def test_what_says_hardly_less_and_predicts_no_worse_is_as_good(behind, error_nm, id, as_good):
