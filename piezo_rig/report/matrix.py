@@ -36,14 +36,16 @@ def matrix_html(found: Diagnosis, known: Isolability) -> str:
         return "<p>These data could show fewer than two causes: there is nothing to compare.</p>"
     small = too_small(known)
     told = told_apart(found, known) | small[:, None]
-    out = [f"<p>{_sentence(known, told)}{_hardly(known, small)}</p>",
+    out = [f"<p>{_sentence(known, told)}{_hardly(known, small)}{_elsewhere(found, known)}</p>",
+           '<p class="quiet">A row is what may be true, a column what it might be taken for: 0 is '
+           "nothing in common, 1 the same in all that these data show.</p>",
            '<div class="wide"><table class="matrix"><thead><tr><th class="corner">if the truth '
            'is ↓ could it pass for →</th>']
     out += [f'<th scope="col"><span>{escape(c)}</span></th>' for c in known.causes]
     out.append("</tr></thead><tbody>")
     for i, cause in enumerate(known.causes):
         size = f"{nm(known.size_nm[i])} rms"
-        short = f"found, {size}" if known.found[i] else "not found"
+        short = f"found; by itself {size}" if known.found[i] else "not found"
         short += "; hardly visible here" if small[i] else ""
         if not known.found[i]:
             size = f"not found; taken at its largest plausible size, {size}"
@@ -89,6 +91,17 @@ def _hardly(known: Isolability, small: np.ndarray) -> str:
         return ""
     return (f" {escape(listed(names))} could hardly be seen in these data at all, even at the "
             "largest plausible size.")  # fmt: skip
+
+
+def _elsewhere(found: Diagnosis, known: Isolability) -> str:
+    """Findings that are not in the table."""
+    names = [f.cause for f in found.findings if f.cause not in known.causes]
+    if not names:
+        return ""
+    one = len(names) == 1
+    return (f" {escape(listed(names))} {'was' if one else 'were'} found elsewhere (by the drive "
+            f"monitor, or in single recordings), and {'is' if one else 'are'} not in this "
+            "table.")  # fmt: skip
 
 
 def _legend() -> str:

@@ -46,7 +46,7 @@ def about(cause: str) -> dict[str, str]:
             out["meaning"] = (rest if found else line).rstrip(".")
         elif found and head in SAID:
             out[head] = rest
-    return {k: _MICRO.sub("µ", v.replace("``", "`")) for k, v in out.items() if v}
+    return {k: _MICRO.sub("µ", v.replace("`", "")) for k, v in out.items() if v}
 
 
 def with_unit(p: Parameter) -> str:
