@@ -71,6 +71,11 @@ def build_parser() -> argparse.ArgumentParser:
     return parser
 
 
+def _told_to_end(number: int, frame: object) -> None:
+    """As Ctrl-C, with who it was."""
+    raise KeyboardInterrupt(f"{signal.Signals(number).name}: a time limit, or another program")
+
+
 def program() -> None:
     """The installed command: ``main`` in a process of its own."""
     # HDF5 complains about a full disk once more while its objects are thrown away, past every
@@ -78,7 +83,7 @@ def program() -> None:
     sys.excepthook = lambda *_: None
     sys.unraisablehook = lambda _: None
     for number in (signal.SIGTERM, signal.SIGHUP):
-        signal.signal(number, signal.default_int_handler)  # ends the program as Ctrl-C does
+        signal.signal(number, _told_to_end)  # ends the program as Ctrl-C does
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             # What an instrument calls itself need not fit into the terminal's character set.
@@ -112,8 +117,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     except PiezoRigError as error:
         _say(error.block())
         return error.exit_status
-    except KeyboardInterrupt:
-        _say("error[aborted]: stopped by the operator")
+    except KeyboardInterrupt as stopped:
+        _say(f"error[aborted]: stopped by {str(stopped) or 'the operator'}")
         return ABORTED
     except BrokenPipeError:
         # Whoever read our output has gone; say nothing more, not even while shutting down.

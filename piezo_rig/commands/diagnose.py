@@ -9,6 +9,7 @@ joined.
 from __future__ import annotations
 
 import argparse
+import time
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
@@ -75,7 +76,7 @@ def _together(args: argparse.Namespace) -> int:
     sweeps, hashes = load_while(_get_ready, args, warned, assumed)
 
     from piezo_rig.causes import NAMED_MODELS, load_model
-    from piezo_rig.commands.console import Progress
+    from piezo_rig.commands.console import Progress, seconds
     from piezo_rig.commands.follow_up import lines, play_follow_up
     from piezo_rig.diagnosis import diagnose, document, text
     from piezo_rig.diagnosis.follow_up import decide
@@ -90,9 +91,13 @@ def _together(args: argparse.Namespace) -> int:
         baseline = load_model(find("models", baseline))
 
     def diagnosed() -> Diagnosis:
-        progress = Progress()
+        progress, begun = Progress(), time.monotonic()
+
+        def step(text: str) -> None:
+            progress(f"after {seconds(time.monotonic() - begun)}: {text}")
+
         try:
-            found = diagnose(sweeps, baseline, args.seed, progress)
+            found = diagnose(sweeps, baseline, args.seed, step)
         finally:
             progress.close()
         print("\n".join([*text(found), "", *verdict(found).in_a_terminal()]))

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from piezo_rig import cli
 from piezo_rig.cli import main
 from piezo_rig.config import load_rig
 from piezo_rig.resources import shipped_folder
@@ -133,3 +134,16 @@ def test_a_refused_port_is_exit_4_and_says_where_the_piezo_is(tmp_path, capsys):
     assert text.startswith("error[instrument-refused]: ")
     assert "piezo" in text
     assert "waveform_dac" in text
+
+
+@pytest.mark.parametrize(("stopped", "words"), [
+    (KeyboardInterrupt(), "stopped by the operator"),
+    (KeyboardInterrupt("SIGTERM: a time limit, or another program"), "stopped by SIGTERM: a time"),
+])  # fmt: skip
+def test_it_is_said_who_stopped_a_program(monkeypatch, capsys, stopped, words):
+    def stop():
+        raise stopped
+
+    monkeypatch.setattr(cli, "build_parser", stop)
+    assert cli.main(["diagnose"]) == 5
+    assert capsys.readouterr().err.startswith(f"error[aborted]: {words}")

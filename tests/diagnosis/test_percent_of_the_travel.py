@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 
 from piezo_rig.diagnosis import diagnose
@@ -16,7 +18,7 @@ def recordings() -> list[Sweep]:
     rng, play = np.random.default_rng(3), actuator(5)
     turns = np.concatenate([[0.0], rng.uniform(10.0, 60.0, 40), [75.0, 20.0, 0.0]])
     drive = np.concatenate([np.linspace(a, b, 100, endpoint=False)
-                            for a, b in zip(turns, turns[1:], strict=False)])  # fmt: skip
+                            for a, b in pairwise(turns)])  # fmt: skip
     whole = np.concatenate([np.linspace(0.0, 75.0, 300), np.linspace(75.0, 0.0, 300)])
     moved = play(np.concatenate([whole, drive]))[whole.size :]
     return [
