@@ -167,3 +167,16 @@ def test_what_survives_is_said(joined, kept, fell, still, text):
     assert (decision.kept, decision.fell, decision.still) == (kept, fell, still)
     assert decision.text == text
     assert decision.decided == text.startswith("decided")
+
+
+def test_a_protocol_that_goes_beyond_the_data_is_not_played(run, monkeypatch, capsys):
+    advice = FollowUp("rate_sweep", ["range-dependence", "rate-dependence"], 0.1,
+                      "scaled to the 0 to 3.75 V of these recordings")  # fmt: skip
+    monkeypatch.setattr(diagnosis, "diagnose", lambda sweeps, *_: said(
+        sweeps, [finding("range-dependence", ["rate-dependence"])], advice
+    ))  # fmt: skip
+    assert follow(run, run.with_name("rig.toml")) == 3
+    err = refused(run, capsys, "follow-up-range")
+    assert "scaled to the 0 to 3.75 V" in err
+    assert "not touched; nothing was played" in err
+    assert not list(run.parent.glob("rate_sweep_*"))
