@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 from piezo_rig.causes.cause import FirstSpring
 from piezo_rig.chain import Elements, Model, Parameter
 from piezo_rig.chain.branches import Reaching
+from piezo_rig.diagnosis.compliances import smooth_weight
 from piezo_rig.diagnosis.fit import smoothness
-from piezo_rig.diagnosis.refit import Fitted, smooth_weight
+from piezo_rig.diagnosis.refit import Fitted
 
 FloatArray = NDArray[np.float64]
 HALFWAY = 0.5

@@ -15,11 +15,12 @@ from numpy.typing import NDArray
 
 from piezo_rig.chain import Model
 from piezo_rig.diagnosis.chances import normal_half_width, student_half_width
+from piezo_rig.diagnosis.compliances import element_step
 from piezo_rig.diagnosis.covered import SHORT, covered, first_rise_within, grows
 from piezo_rig.diagnosis.fit import Point
 from piezo_rig.diagnosis.groups import Group, Groups
 from piezo_rig.diagnosis.linear import Linear
-from piezo_rig.diagnosis.refit import Fitted, element_step, parameter_step, settle
+from piezo_rig.diagnosis.refit import Fitted, parameter_step, settle
 from piezo_rig.diagnosis.space import Space
 from piezo_rig.errors import InputError
 

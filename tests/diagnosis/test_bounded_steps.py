@@ -9,7 +9,7 @@ from scipy.optimize import lsq_linear
 
 from piezo_rig.chain.bend import Bend
 from piezo_rig.diagnosis import diagnose
-from piezo_rig.diagnosis.refit import solved
+from piezo_rig.diagnosis.compliances import solved
 from piezo_rig.run_file.sweep import Sweep
 
 
