@@ -37,6 +37,7 @@ OF_A_BEND = 5.0  # which is no name, but without which others stand in for it
 AMISS = 0.45  # of the noise: what is left beside it where something is amiss
 HARDLY = 1.0  # held-out error with a member, of that before
 LOSES = 1.001  # the same of the whole ladder, of that without the member
+FAR_WORSE = 1.2  # the same, from which on a bend is not kept, however plain it is
 NEXT_TO_NOTHING = 0.05  # log-likelihood of what is left with a member, of that without it
 MORE = 0.1  # of the squared noise, of what is held out and left without a member
 PLAIN = 50.0  # log-likelihood of a member that is dropped only if it does harm beyond doubt
@@ -245,8 +246,9 @@ def idle(search: Search) -> bool:
                 kept = kept or like_no_other(search.fitted, less)
                 kept = kept and not (id in tables and _stands_in(search, less, unknown, left_over))
             else:
-                kept = search.error(0, search.fitted) <= LOSES * search.error(0, less)
-                kept = kept or plain_bend(id, search.fitted, less)
+                ratio = search.error(0, search.fitted) / max(search.error(0, less), 1e-12)
+                kept = ratio <= LOSES
+                kept = kept or (ratio < FAR_WORSE and plain_bend(id, search.fitted, less))
                 kept = kept or like_no_other(search.fitted, less)
                 kept = kept or _plain(search, less)
             if kept:
