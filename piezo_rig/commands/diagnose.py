@@ -94,7 +94,9 @@ def _together(args: argparse.Namespace) -> int:
         progress, begun = Progress(), time.monotonic()
 
         def step(text: str) -> None:
-            progress(f"after {seconds(time.monotonic() - begun)}: {text}")
+            # what is no terminal gets the same for the same data, whatever the time
+            after = f"after {seconds(time.monotonic() - begun)}: " if progress.tty else "progress  "
+            progress(after + text)
 
         try:
             found = diagnose(sweeps, baseline, args.seed, step)

@@ -22,6 +22,7 @@ from piezo_rig.report.words import (
 WEIGHTY = 2.0  # % of the error: a cause that takes less is there, and matters little
 MOST = 0.5  # of all that fell
 WIDTH = 100  # columns of a terminal
+PLAIN = str.maketrans({"\N{NO-BREAK SPACE}": " ", "µ": "u", "\N{MINUS SIGN}": "-"})
 
 
 @dataclass
@@ -42,7 +43,7 @@ class Verdict:
         return [self.head, *self.causes, *self.rest]
 
     def in_a_terminal(self) -> list[str]:
-        """Lines of a terminal's width."""
+        """Lines of a terminal's width, in plain letters."""
         out = []
         for i, line in enumerate(self.lines):
             before = "verdict   " if i == 0 else 10 * " " + ("- " if line in self.causes else "")
@@ -50,7 +51,7 @@ class Verdict:
                 line, WIDTH, initial_indent=before, subsequent_indent=12 * " ",
                 break_long_words=False, break_on_hyphens=False,
             )  # fmt: skip
-        return out
+        return [line.translate(PLAIN) for line in out]
 
 
 def verdict(d: Diagnosis) -> Verdict:

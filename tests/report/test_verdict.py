@@ -68,6 +68,7 @@ def test_it_is_the_last_that_a_terminal_shows():
     lines = verdict(found).in_a_terminal()
     assert lines[0].startswith("verdict   One cause was named")
     assert all(len(line) <= 100 for line in lines)
+    assert all(line.isascii() for line in lines)
     assert "gain = 40.0 %  [38.0, 42.0]: 10 to 6 nm rms" in "\n".join(text(found))
 
 
