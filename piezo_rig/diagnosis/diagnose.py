@@ -198,9 +198,8 @@ def _answer(
     refused = search.ladder.scans[-1].refused if search.ladder.scans else {}
     refused = _still_true(refused, {s.cause for s in steps})
     rest = _rest(turns, clean, rungs, refused)
-    in_vain = rest.detected and turns.patience.note is not None
-    if turns.patience.note is not None and in_vain:
-        notes.append(turns.patience.note)
+    in_vain = turns.patience.note if rest.detected else None
+    notes += [in_vain] if in_vain else []
     if rest.detected and own:
         own = [
             replace(f, alternatives=list(dict.fromkeys([
@@ -226,7 +225,7 @@ def _answer(
         [*([search.first.point.model] * (1 + before)), *(s.fitted.point.model for s in steps)],
         notes, warnings, refused,
         Workings((*(g for _, g in turns.cleaned), *(clean for _ in steps)), space, last),
-        tried_in_vain=in_vain,
+        tried_in_vain=in_vain is not None,
     )  # fmt: skip
 
 

@@ -167,8 +167,7 @@ def _left_out(d: Diagnosis) -> list[str]:
 
 def _gain(d: Diagnosis, finding: Finding) -> list[str]:
     """What a finding does to the error, from the rung before it."""
-    index = d.findings.index(finding)
-    at = next((i for i, r in enumerate(d.rungs) if r.finding == index), 0)
+    at = d.rung_of(d.findings.index(finding))
     if at == 0 or finding.gain_percent is None or finding.gain_ci95 is None:
         return []
     low, high = finding.gain_ci95

@@ -72,6 +72,10 @@ class Diagnosis:
     assumed: list[str] = field(default_factory=list)  # of recordings, as they were read
     tried_in_vain: bool = False  # much, on what is left
 
+    def rung_of(self, finding: int) -> int:
+        """Which rung a finding is, by its place among them; 0 for none."""
+        return next((i for i, r in enumerate(self.rungs) if r.finding == finding), 0)
+
 
 def said_all(found: Diagnosis, baseline: str) -> str:
     """What says all there is where nothing was found: a baseline, and what was added to its base.

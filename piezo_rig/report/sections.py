@@ -94,7 +94,7 @@ def _finding(found: Diagnosis, index: int, finding: Finding, residuals: Residual
     if residuals is not None:
         out.append(_figure(found, index, finding, residuals))
     if finding.events:
-        at = _rung(found, index)
+        at = found.rung_of(index)
         drawn = residuals if at else None
         pair = residuals.but_for(finding.cause, at) if residuals is not None and at else (0, 0)
         out.append(events_html(found, index, finding, drawn, pair))
@@ -119,16 +119,11 @@ def _facts(rows: Sequence[tuple[str, str, str]]) -> str:
     return f'<div class="wide"><table class="facts">{cells}</table></div>'
 
 
-def _rung(found: Diagnosis, index: int) -> int:
-    """Which rung a finding is; 0 for none."""
-    return next((i for i, r in enumerate(found.rungs) if r.finding == index), 0)
-
-
 def _gain_words(found: Diagnosis, index: int) -> str:
     if found.findings[index].gain_percent is None:
         return ("nothing was held out" if found.held_out == "none"
                 else "no model can foretell single events")  # fmt: skip
-    at = _rung(found, index)
+    at = found.rung_of(index)
     if at == 0:
         return ""
     before, after = found.rungs[at - 1], found.rungs[at]
@@ -151,7 +146,7 @@ def _alternatives(finding: Finding) -> str:
 
 
 def _figure(found: Diagnosis, index: int, finding: Finding, residuals: Residuals) -> str:
-    at = _rung(found, index)
+    at = found.rung_of(index)
     if at == 0 or at >= residuals.rungs:
         return ""
     if finding.cause == "mains-hum":
@@ -306,6 +301,8 @@ def _nothing_confounded(found: Diagnosis) -> str:
     unseen = {c: why for c, why in found.refused.items() if "would show" in why}
     if found.unexplained.detected:
         tries = [TO_TRY[w] for w in found.unexplained.depends_on if w in TO_TRY]
+        if any("play " in t for t in tries):
+            tries.append("a protocol's voltages scaled to what this stack was driven with")
         out += (" More of the same does not name what is unexplained. Change one thing at a time, "
                 "and see whether it stays: the mounting, cables, what else is running"
                 f"{'; ' + '; '.join(dict.fromkeys(tries)) if tries else ''}.")  # fmt: skip

@@ -124,7 +124,7 @@ def _size(finding: Finding, wide: bool = False) -> str:
 
 
 def _fall(d: Diagnosis, finding: Finding) -> str:
-    at = _rung(d, finding)
+    at = d.rung_of(d.findings.index(finding))
     if at == 0 or finding.gain_percent is None:
         return ""
     before, after = d.rungs[at - 1], d.rungs[at]
@@ -137,11 +137,6 @@ def _fall(d: Diagnosis, finding: Finding) -> str:
         gain = real_minus(f"{finding.gain_percent:.0f} % ({low:.0f} to {high:.0f} %)")
         return f"{said}, {gain} less: whether it helps to predict is not sure"
     return f"{said}, {finding.gain_percent:.0f} % less"
-
-
-def _rung(d: Diagnosis, finding: Finding) -> int:
-    index = d.findings.index(finding)
-    return next((i for i, r in enumerate(d.rungs) if r.finding == index), 0)
 
 
 def _or(finding: Finding) -> str:

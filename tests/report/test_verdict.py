@@ -95,6 +95,7 @@ def test_what_is_unexplained_gets_something_to_try():
                    depends_on=["frequency"])  # fmt: skip
     said = next_html(replace(diagnosis("quiet"), unexplained=rest), [])
     assert "rate_sweep" in said
+    assert "scaled to what this stack was driven with" in said
     assert "no protocol is needed to tell the named causes apart" in said
 
 
