@@ -112,6 +112,8 @@ class Cause(Stage):
         bend at a first look, and which one a small one is shows once they are refitted
     scanned : an optional parameter that is looked for over its logarithm, and by which factor at
         first; it has many local optima, or the data say little of it
+    walked : a level that is looked for in the same way where its effect is large: the base has bent
+        to what it took for something else, and no descent gets past that
     lasting : a parameter in seconds that may be far longer than a small example: what it does
         beside corners has another form then, and it is begun at several values
     whole : its examples are the effect itself, and not a small part of it
@@ -147,6 +149,7 @@ class Cause(Stage):
     sharp: ClassVar[Mapping[str, float]] = {}
     sized: ClassVar[tuple[str, ...]] = ()
     scanned: ClassVar[tuple[str, float]] = ("", 1.0)
+    walked: ClassVar[tuple[str, float]] = ("", 1.0)
     cuts_off: ClassVar[bool] = False
     lasting: ClassVar[str] = ""
     whole: ClassVar[bool] = False

@@ -47,6 +47,7 @@ class SlewLimit(Cause):
     units: ClassVar[Mapping[str, str]] = {"limit": "V/s"}
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {"limit": (1e-6, 1e12)}
     sharp: ClassVar[Mapping[str, float]] = {"limit": 50.0}
+    walked: ClassVar[tuple[str, float]] = ("limit", 1.02)
 
     def act(self, signal: Signal) -> Signal:
         from piezo_rig.chain.limited import followed

@@ -198,9 +198,7 @@ class Columns:
     def whiten(self, rows: FloatArray, at: int) -> FloatArray:
         """Rows of one piece, whitened, its offset projected out."""
         piece = self.pieces[at]
-        one = self.whitener.ones(piece.cells)
-        white = self.whitener(rows, piece.cells)
-        white -= np.outer(white @ one / float(one @ one), one)
+        white = self.whitener.beside_offset(rows, piece.cells)
         white *= np.sqrt(self.groups.groups[piece.group].repeats)
         return white
 

@@ -14,6 +14,7 @@ from piezo_rig.causes.output_bend import OutputBend
 from piezo_rig.chain import Model
 from piezo_rig.chain.bend import Bend
 from piezo_rig.diagnosis.abreast import abreast
+from piezo_rig.diagnosis.among_repeats import as_able
 from piezo_rig.diagnosis.bands import shared_band
 from piezo_rig.diagnosis.bursts import bursts
 from piezo_rig.diagnosis.checks import (
@@ -326,7 +327,7 @@ def _of_the_ladder(
             step.cause, CAUSES[step.cause].place, step.p_value,
             *((None, None) if search.kind == "none" else gain),
             parameters_of(last, step.cause, model, search.spread),
-            list(dict.fromkeys(others)), one.d_prime,
+            as_able(space, last.point.model, step.cause, list(dict.fromkeys(others))), one.d_prime,
         ))  # fmt: skip
     return found
 

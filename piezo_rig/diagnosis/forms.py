@@ -289,11 +289,23 @@ def worth_of(fitted: Fitted, id: str) -> float:
     return fitted.evidence - dear
 
 
-def summit(space: Space, fitted: Fitted, id: str) -> Fitted:
-    """Where the evidence is largest over the scanned parameter, from where it stands."""
+def walked(space: Space, fitted: Fitted, id: str) -> Fitted:
+    """A large effect with the level that a cause wants walked to, where it has one."""
+    stage = fitted.point.model.stage(id)
+    if not isinstance(stage, Cause) or stage.walked[0] not in stage.parameters:
+        return fitted
+    return summit(space, fitted, id, stage.walked)
+
+
+def summit(
+    space: Space, fitted: Fitted, id: str, over: tuple[str, float] | None = None
+) -> Fitted:
+    """Where the evidence is largest over the scanned parameter, or ``over`` another, from where it
+    stands.
+    """
     stage = fitted.point.model.stage(id)
     assert isinstance(stage, Cause)
-    name, factor = stage.scanned
+    name, factor = over or stage.scanned
     known = {stage[name]: fitted}
     step, near = np.log(factor), fitted.linear
     for _ in range(PARABOLAS):

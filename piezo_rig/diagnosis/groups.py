@@ -165,14 +165,19 @@ class Group:
 
     def predicted_of(self, model: Model, rows: Sequence[int]) -> FloatArray:
         """`predicted` of some of the recordings."""
-        moved, every = self.predicted(model), range(self.repeats)
+        moved, apart = self.predicted(model), self.apart(model)
+        return moved if apart is None else moved + apart[list(rows)].mean(axis=0)
+
+    def apart(self, model: Model) -> FloatArray | None:
+        """What a model says that each recording is beside their mean, shape (R, n); None of one
+        that says the same of all.
+        """
+        own = list[FloatArray]()
         if any(s.locked_to == "clock" for s in model.stages):
-            own = np.array([self.clocked(model, row) for row in every])
-            moved = moved + own[list(rows)].mean(axis=0) - own.mean(axis=0)
+            own.append(np.array([self.clocked(model, row) for row in range(self.repeats)]))
         if self.remembers(model):
-            own = self._each(model)
-            moved = moved + own[list(rows)].mean(axis=0) - own.mean(axis=0)
-        return moved
+            own.append(self._each(model))
+        return sum(x - x.mean(axis=0) for x in own) if own else None
 
     def of_one_history(self, model: Model) -> Group:
         """As if all had been played after the mean of what they were played after."""
@@ -185,10 +190,8 @@ class Group:
 
     def at_one_time(self, model: Model) -> Group:
         """As if every recording had been made at the mean of their times, after the same drives."""
-        mean = self.predicted(model)
-        return self.with_measured(np.array([
-            row + mean - self.predicted_of(model, [r]) for r, row in enumerate(self.measured_um)
-        ]))  # fmt: skip
+        apart = self.apart(model)
+        return self if apart is None else self.with_measured(self.measured_um - apart)
 
     def remember(self, model: Model) -> None:
         """Keep what this model makes stage by stage."""

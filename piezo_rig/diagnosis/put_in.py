@@ -22,6 +22,7 @@ from piezo_rig.diagnosis.forms import (
     further,
     in_another_form,
     looked_at,
+    walked,
 )
 from piezo_rig.diagnosis.needed import does_nothing, needless
 from piezo_rig.diagnosis.refit import Fitted, refit, refit_either_way, settle, square_of
@@ -246,7 +247,7 @@ def refitted(
                 fitted = max(fitted, other, key=lambda f: f.evidence)
             fitted = _at_the_other_end(space, here, fitted, candidate.id)
         if fitted.evidence > here.evidence + LARGE:
-            fitted = further(space, fitted, candidate.id)
+            fitted = walked(space, further(space, fitted, candidate.id), candidate.id)
         fitted = beside_kinks(space, fitted, candidate.id)
         fitted = as_late(space, fitted, candidate.id)
         fitted = in_another_form(space, fitted, candidate.id)

@@ -12,6 +12,7 @@ import numpy as np
 from piezo_rig.causes import CAUSES
 from piezo_rig.causes.cause import Cause
 from piezo_rig.diagnosis.abreast import abreast
+from piezo_rig.diagnosis.among_repeats import PLAINLY, told
 from piezo_rig.diagnosis.confusion import APART, certainties, strengths
 from piezo_rig.diagnosis.fit import Point
 from piezo_rig.diagnosis.held_out import without_first_rises
@@ -175,7 +176,7 @@ def faint(search: Search) -> None:
         search.tell(f"refit without {id}")
         less = refit(search.space, search.fitted.point.without(id), held=True)
         if plain_bend(id, search.fitted, less) or (
-            found[id] >= APART and _explains_the_rest(search, less)
+            found[id] >= APART and (_explains_the_rest(search, less) or _told(search, less))
         ):
             plain.add(id)
             continue
@@ -201,6 +202,11 @@ def _explains_the_rest(search: Search, less: Fitted) -> bool:
         return True
     without = search.left_over(less)
     return without > 0.0 and search.left_over() <= NEXT_TO_NOTHING * without
+
+
+def _told(search: Search, less: Fitted) -> bool:
+    """Whether what recordings of one drive differ by says that a member is there."""
+    return told(search.space, search.fitted.point.model, less.point.model) >= PLAINLY
 
 
 def _certain(id: str, alone: bool) -> float:

@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from scipy import fft
 
 from piezo_rig.chain import Model
-from piezo_rig.diagnosis.cells import Cells
 from piezo_rig.diagnosis.chances import fisher_above
 from piezo_rig.diagnosis.dictionary import hats_of
 from piezo_rig.diagnosis.groups import Group, Groups
@@ -135,10 +134,10 @@ def _between(
             for x in (own.left, hats, own.beside(moved), own.beside(others))
         )
         for (a, b), cells in zip(groups.edges(group), groups.cells(group), strict=True):
-            rows = _white(whitener, left[:, a:b], cells)
-            gains, rank, found = _fitted(_white(whitener, moved[:, a:b], cells), rows)
+            rows = whitener.beside_offset(left[:, a:b], cells)
+            gains, rank, found = _fitted(whitener.beside_offset(moved[:, a:b], cells), rows)
             chi2 += found, rank * own.freedom
-            _, rank, found = _fitted(_white(whitener, others[:, a:b], cells), rows)
+            _, rank, found = _fitted(whitener.beside_offset(others[:, a:b], cells), rows)
             beside += found, rank * own.freedom
             power += float(np.sum(cells.centred(gains.T @ moved[:, a:b]) ** 2))
             shares += float(cells.share @ np.sum((gains.T @ hats[:, a:b]) ** 2, axis=0))
@@ -151,12 +150,6 @@ def _between(
     chance = len(PLACES) * fisher_above(ratio, chi2[1], beside[1])
     share, size = (float(np.sqrt(real * x / max(samples, 1.0))) for x in (shares, power))
     return Unsteady(min(chance, 1.0), share, 1e3 * size)
-
-
-def _white(whitener: CellWhitener, rows: FloatArray, cells: Cells) -> FloatArray:
-    """Rows whitened, their offsets projected out."""
-    white, one = whitener(rows, cells), whitener.ones(cells)
-    return np.asarray(white - np.outer(white @ one / float(one @ one), one))
 
 
 def _fitted(columns: FloatArray, rows: FloatArray) -> tuple[FloatArray, int, float]:

@@ -68,6 +68,12 @@ class CellWhitener:
             self._ones[cells] = self(np.ones((1, cells.size)), cells)[0]
         return self._ones[cells]
 
+    def beside_offset(self, rows: FloatArray, cells: Cells) -> FloatArray:
+        """Filtered rows, their offsets projected out."""
+        white, one = self(rows, cells), self.ones(cells)
+        white -= np.outer(white @ one / float(one @ one), one)
+        return white
+
     def _turns_of(self, cells: Cells) -> list[tuple[Turn, Indices, Indices, Indices]]:
         """Of all corners that are alike, (r, n) each: single samples, averages around, where what
         is taken of them is put.
