@@ -156,7 +156,8 @@ def _errors(d: Diagnosis) -> str:
     if last.rms_nm > first.rms_nm:
         then += ": WORSE than before. Do not use the extended model"
     elif first.rms_nm > 1.05 * last.rms_nm:
-        then += f", {first.rms_nm / max(last.rms_nm, 1e-12):.2g} times less"
+        less = float(f"{first.rms_nm / max(last.rms_nm, 1e-12):.2g}")
+        then += f", {less:,g} times less"
     return f"The model {d.baseline} is off by {error}. {then}.{_base(d)}{_floor(d)}"
 
 

@@ -3,11 +3,12 @@
 import numpy as np
 import pytest
 
+from piezo_rig.diagnosis.forms import walked
 from piezo_rig.diagnosis.put_in import refitted
 from piezo_rig.diagnosis.refit import refit, settle
 from piezo_rig.diagnosis.scan import extended, scan
 from tests.diagnosis.small_bench import RATE, recordings
-from tests.diagnosis.spaces import begun
+from tests.diagnosis.spaces import begun, with_member
 
 PLAYED = (("0-30", 0.0, 30.0, 4.0), ("0-50", 0.0, 50.0, 2.0), ("0-75", 0.0, 75.0, 20.0))
 FASTEST = 2.0 * 75.0 * 20.0
@@ -63,3 +64,20 @@ def test_a_first_rise_tells_a_limit_from_a_delay_at_one_speed(plant, expected):
         gained[id] = -np.inf if fitted is None else fitted.evidence - here.evidence
     assert max(gained, key=lambda id: gained[id]) == expected
     assert gained[expected] > 50.0
+
+
+FOUR = tuple((f"0-{high:g}", 0.0, high, 4.0) for high in (18.75, 37.5, 56.25, 75.0))
+
+
+def test_a_large_one_is_walked_to():
+    """Most of the error is where it is not yet: the base has bent to that, and a descent hangs."""
+    limit = 470.0  # of 600 V/s
+    space, plain = begun(
+        recordings(conditions=FOUR, before=lambda v: limited(v, limit), repeats=1)
+    )
+    off = refit(space, with_member(plain, "slew-limit", {"limit": limit / 50.0},
+                                   limit=0.93 * limit), held=True)  # fmt: skip
+    descended = refit(space, off.point, held=True)
+    assert descended.point.model.stage("slew-limit")["limit"] < 0.97 * limit
+    there = walked(space, descended, "slew-limit")
+    assert there.point.model.stage("slew-limit")["limit"] == pytest.approx(limit, rel=1e-3)
