@@ -129,8 +129,8 @@ def clean_up(
     if levels(clean) is None:  # whose steps would be taken for lost samples
         breaks = find_breaks(clean, point.model, sweeps, level / count, line)
         known = recounted(clean, point, breaks.breaks, refitted, enough)
-        if not known and behind is not None:
-            known = outright(clean, point, sweeps, refitted, behind)
+        if behind is not None:
+            known = outright(clean, point, sweeps, known, refitted, behind)
         breaks = _believed(clean, point, known, refitted)
         if any(b.high - b.low >= SPREAD for b in breaks.breaks):
             breaks = _placed_again(clean, point, breaks, refitted, lambda model: find_breaks(

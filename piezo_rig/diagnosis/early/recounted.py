@@ -64,22 +64,32 @@ def recounted(
 
 
 def outright(
-    groups: Groups, point: Point, sweeps: Sequence[Sweep],
+    groups: Groups, point: Point, sweeps: Sequence[Sweep], known: Sequence[Break],
     refitted: Callable[[Groups, Point], Point], behind: float,
 ) -> list[Break]:  # fmt: skip
-    """Losses by themselves, one after the other, where they leave far less than other causes do.
+    """Losses one after the other, where they leave far less than other causes do; as they were
+    known otherwise.
 
+    A recording that is known to have lost samples needs less to have lost others as well.
     ``behind`` : squared error of those causes, um^2, over the groups without repeats
     """
     members = {k for k, g in enumerate(groups.groups) if g.repeats < 2}
-    found: list[Break] = []
-    left = square_of(groups, point, members)
+    enough = BESIDE_ALL if any(b.cause == DROP for b in known) else PLAINLY
+    found = list(known)
+    if found:
+        whole = mended(groups, [g.predicted(point.model) for g in groups.groups], found)
+        point = refitted(whole, point)
+        left = square_of(whole, point, members)
+    else:
+        left = square_of(groups, point, members)
     for _ in range(MANY):
         tried, there = _one_more(groups, point, found, sweeps, members, refitted)
-        if tried is None or (worth := square_of(*there, members)) > PLAINLY * left:
+        if tried is None or (worth := square_of(*there, members)) > enough * left:
             break
         found, left, point = tried, worth, there[1]
-    return found if left < PLAINLY * behind else []
+    if not left < enough * behind:
+        return list(known)
+    return recounted(groups, point, found, refitted, 1.0)  # each beside all others
 
 
 def _one_more(

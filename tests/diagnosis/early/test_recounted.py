@@ -61,3 +61,28 @@ def test_beside_all_that_is_known_a_loss_is_counted_by_less(monkeypatch, left, e
         [Break(DROP, 0, 0, 500, 8, 500, 500, 900, 1e-9)], lambda groups, point: point, enough,
     )  # fmt: skip
     assert [b.count for b in found] == [count]
+
+
+@pytest.mark.parametrize(("known", "found"), [((14,), [14, 4]), ((), [])])
+def test_where_samples_were_lost_already_others_are_lost_for_less(monkeypatch, known, found):
+    """A second loss leaves six tenths of what one leaves, and of what a clock leaves beside it."""
+    left = {(): 1.0, (14,): 1.0, (14, 4): 0.6, (4,): 0.6}
+    breaks = [Break(DROP, 0, 0, 500, n, 500, 500, 900, 1e-9) for n in known]
+    more = Break(DROP, 0, 0, 700, 4, 700, 700, 900, 1e-9)
+
+    def one_more(groups, point, have, *_):
+        tried = None if more in have else [*have, more]
+        return tried, (tried or have, point)
+
+    monkeypatch.setattr(recounted, "mended", lambda groups, predicted, kept: kept)
+    monkeypatch.setattr(recounted, "_one_more", one_more)
+    monkeypatch.setattr(recounted, "recounted", lambda groups, point, breaks, *_: breaks)
+    monkeypatch.setattr(recounted, "square_of", lambda kept, point, members: (
+        left[tuple(b.count for b in kept)] if isinstance(kept, list) else 1.0
+    ))  # fmt: skip
+    alone = SimpleNamespace(repeats=1, predicted=lambda model: None)
+    told = recounted.outright(
+        SimpleNamespace(groups=[alone]), SimpleNamespace(model=None), [], breaks,
+        lambda groups, point: point, 1.0,
+    )  # fmt: skip
+    assert [b.count for b in told] == found
