@@ -217,10 +217,12 @@ class InTurns:
         clock = any(s.cause == ClockRatio.id for s in steps)
         if clock:
             self.tell("lost samples behind what looks like a clock")
-            for beside in (model.without(ClockRatio.id), base):  # a lag hides a small one
+            # where some are lost, a lag among what was found hides a part of others from the base
+            fuller = [model.without(ClockRatio.id)] if known[0] and len(steps) > 1 else []
+            for beside in (*fuller, base):
                 behind, there = self._cleaned(beside, left)
                 others = credited(behind) > known
-                if others or len(steps) == 1:
+                if others:
                     break
             for step in steps:
                 there = there.without(step.cause)

@@ -19,6 +19,7 @@ from piezo_rig.diagnosis.early.hum import Hum, find_hum, hum_of_residual, means_
 from piezo_rig.diagnosis.early.mended import DROP, JUMP, Break, mended
 from piezo_rig.diagnosis.early.recounted import PLAINLY, outright, recounted, square_of
 from piezo_rig.diagnosis.early.reported import events_of, reported
+from piezo_rig.diagnosis.early.running_off import rather_a_clock
 from piezo_rig.diagnosis.early.spikes import find_spikes
 from piezo_rig.diagnosis.events import Event
 from piezo_rig.diagnosis.fit import Point
@@ -57,9 +58,9 @@ def _believed(
 ) -> Breaks:  # fmt: skip
     """The breaks that are kept: without repeats, only if the baseline fits better once mended.
 
-    A delay or a loop that the baseline lacks can look like lost samples; mending those makes
-    things worse. Between repeats there is no such thing, and a single lost sample may be far
-    smaller than what the baseline leaves.
+    A delay or a loop that the baseline lacks can look like lost samples, and mending those makes
+    things worse; a clock that runs off can, and leaves less than losses do. Between repeats there
+    is no such thing, and a single lost sample may be far smaller than what the baseline leaves.
     """
     alone = [b for b in breaks if groups.groups[b.group].repeats < 2]
     if not alone:
@@ -67,6 +68,9 @@ def _believed(
     whole = mended(groups, [g.predicted(point.model) for g in groups.groups], alone)
     members = {b.group for b in alone}
     after = square_of(whole, refitted(whole, point), members)
+    if rather_a_clock(groups, point, alone, after, refitted):
+        others = [b for b in breaks if b not in alone or b.cause != DROP]
+        return _believed(groups, point, others, refitted)
     if after < BETTER * square_of(groups, point, members):
         return Breaks(tuple(breaks))
     return Breaks(tuple(b for b in breaks if b not in alone))
