@@ -22,6 +22,7 @@ FITS = ((ABOUT, 2), (BEFORE, 1), (BEFORE, 2), (AFTER, 1), (AFTER, 2))  # and the
 SURE = 3.0  # standard deviations by which two windows may disagree
 LEAST = 1e-5  # of the drive's range: less is how its numbers are rounded
 ROUNDED = 0.5  # of a digitizer's step: less is rounding, which repeats from sample to sample
+NEAREST = 0.02  # of neighbouring values
 FOLLOWS = 0.5  # of the mean displacement per volt: noise that the actuator follows so is a drive
 
 
@@ -35,10 +36,13 @@ def _weights(width: int, place: float, order: int) -> tuple[FloatArray, int, flo
 
 
 def _step_v(drive_v: FloatArray, span: float) -> float:
-    """Between neighbouring values of a drive, volts; tiny where it has no steps."""
+    """Between neighbouring values of a drive, volts; tiny where it has no steps.
+
+    Of few samples most values lie far apart, steps or none: the nearest ones tell.
+    """
     apart = np.diff(np.unique(drive_v))
     apart = apart[apart > 1e-9 * span]
-    return float(np.median(apart)) if apart.size else 0.0
+    return float(np.quantile(apart, NEAREST)) if apart.size else 0.0
 
 
 def quiet(drive_v: FloatArray, displacement_um: FloatArray) -> tuple[FloatArray, float]:

@@ -95,3 +95,19 @@ def test_no_drive_comes_out_noisier_than_it_was(seed, volts, hz, high):
     recorded, moved = noisy(drive, volts, seed)
     found, _ = quiet(recorded, moved)
     assert np.std(found - drive) <= 1.02 * np.std(recorded - drive)
+
+
+def test_values_of_a_short_recording_lie_apart_without_any_steps():
+    drive = triangle(0.0, 65.0, hz=5.0, seconds=0.6)  # 3,000 samples in 65 V
+    recorded, moved = noisy(drive, 0.0015)
+    found, sigma = quiet(recorded, moved)
+    assert sigma == pytest.approx(0.0015, rel=0.15)
+    assert np.std(found - drive) < 0.36 * 0.0015
+
+
+def test_steps_of_a_digitizer_are_no_noise_in_a_short_recording():
+    step_v = 7.5 * 20.0 / 2**14
+    drive = step_v * np.round(triangle(0.0, 65.0, hz=5.0, seconds=0.6) / step_v)
+    found, sigma = quiet(drive, 0.13 * drive)
+    assert sigma == 0.0
+    assert found is drive
