@@ -57,10 +57,12 @@ class Corners:
     ----------
     drives : one per group that has a monitor
     step_s : of sampling
+    runs_off : share by which the command's clock is ahead of the digitizer's
     """
 
     drives: tuple[Watched, ...]
     step_s: float
+    runs_off: float = 0.0
     whitener: Whitener = field(init=False)
     _known: tuple[FloatArray, FloatArray] = field(init=False)  # nuisances' axes, the monitor
 
@@ -109,6 +111,7 @@ class Corners:
         late, out = delay_s / self.step_s, list[FloatArray]()
         for f, w in zip(at, self.drives, strict=True):
             places = np.concatenate([np.arange(a, b, dtype=float) for a, b in w.windows])
+            places *= 1.0 + self.runs_off
             out += np.split(f(places - late), np.cumsum([b - a for a, b in w.windows])[:-1])
         return out
 
@@ -141,15 +144,28 @@ class Corners:
 
     def left(self, seen: Sequence[FloatArray]) -> list[FloatArray]:
         """What is left of every window, volts."""
+        rest, _ = self._rest(seen)
+        return np.split(rest, np.cumsum([m.size for m in self.measured])[:-1])
+
+    def further_off(self, seen: Sequence[FloatArray]) -> float:
+        """The share by which the clocks seem to run apart besides."""
+        return self._rest(seen)[1] * self.step_s
+
+    @property
+    def longest(self) -> int:
+        """Samples of the longest drive."""
+        return max(w.drive_v.size for w in self.drives)
+
+    def _rest(self, seen: Sequence[FloatArray]) -> tuple[FloatArray, float]:
+        """What is left of all windows, volts, and how much of clocks apart was in it, samples/s."""
         q, _ = self._known
         columns = np.column_stack([q, self._white(seen)])
         shares, *_ = np.linalg.lstsq(columns, self._white(self.measured), rcond=None)
         gain = shares[-1]
-        raw = [np.concatenate(n) for n in self._nuisances()]
+        raw = np.column_stack([np.concatenate(n) for n in self._nuisances()])
         rest = np.concatenate(self.measured) - gain * np.concatenate(seen)
-        own, *_ = np.linalg.lstsq(np.column_stack(raw), rest, rcond=None)
-        rest = rest - np.column_stack(raw) @ own
-        return np.split(rest, np.cumsum([m.size for m in self.measured])[:-1])
+        own, *_ = np.linalg.lstsq(raw, rest, rcond=None)
+        return rest - raw @ own, float(own[-1] / gain) if gain else 0.0
 
 
 def corners_of(

@@ -35,6 +35,7 @@ INSIDE, OUTSIDE = 3.84, 15.0  # rise of the misfit: of a 95 % interval; certainl
 LEAST = 1e-302  # chance that is told from none
 FOLLOWS = 0.03  # rms misfit, of the span, above which it is no monitor of this drive
 DIVIDER = 0.02  # gain's distance from 1 that is worth a word
+CLOCKS, APART, CLOSE = 12, 0.2, 1e-3  # turns; samples by the end that are none, and at last
 LATE = 8  # samples, to which a delay is looked for
 GRIDS: dict[str, FloatArray] = {
     LAG: np.geomspace(0.02, 100.0, 14),  # samples
@@ -109,16 +110,26 @@ def read_monitor(
         return Reading(warnings=("the drive monitor stands still while the drive moves: it is not "
                                  "connected, or wrong; it is not used",))  # fmt: skip
     found = _Reader(corners).read(level, count)
+    own = _Reader(replace(corners))
+    own.at_one_clock(own.guess({}))
+    if own.corners.runs_off:
+        other = own.read(level, count)
+        if _gained(found, other, corners) > PLAIN:
+            return other
     if all(w.dense is None for w in corners.drives):
         finer = corners_of(groups, sweeps, between=True)
         assert finer is not None
         if any(w.dense is not None for w in finer.drives):
             other = _Reader(finer).read(level, count)
-            samples = sum(b - a for w in finer.drives for a, b in w.windows)
-            gained = samples * np.log(found.left_v / other.left_v) / TWICE
-            if gained > PLAIN:
+            if _gained(found, other, finer) > PLAIN:
                 return replace(other, between=True)
     return found
+
+
+def _gained(found: Reading, other: Reading, corners: Corners) -> float:
+    """By how much another reading is likelier, log-likelihood."""
+    samples = sum(b - a for w in corners.drives for a, b in w.windows)
+    return float(samples * np.log(found.left_v / other.left_v) / TWICE)
 
 
 @dataclass(eq=False)
@@ -266,6 +277,19 @@ class _Reader:
                     out[-1] = held
         return out
 
+    def at_one_clock(self, here: _Guess, least: float = APART) -> _Guess:
+        """With the command read by the digitizer's clock, where the two run apart by so many
+        samples by the end that corners are not where the command has them.
+        """
+        for _ in range(CLOCKS):
+            at = self.at(here.laws, here.held)
+            off = self.corners.further_off(self.corners.seen(at, here.delay_s))
+            if abs(off) * self.corners.longest < least:
+                break
+            self.corners.runs_off += off
+            here, least = self.again(here), CLOSE
+        return here
+
     def read(self, level: float, count: int) -> Reading:
         here = self.guess({})
         self.hear(here)
@@ -286,6 +310,8 @@ class _Reader:
             (law,) = set(there.laws) - set(here.laws)
             chances[law] = chance
             here = self.settled(self.refined(there, law))
+            if self.corners.runs_off:  # as it seemed to without the law
+                here = self.settled(self.at_one_clock(here, CLOSE))
         left = np.concatenate(self.hear(here))
         here = self.again(here)
         seen = self.corners.seen(self.at(here.laws, here.held), here.delay_s)
@@ -302,6 +328,12 @@ class _Reader:
         self, here: _Guess, chances: dict[str, float], gain: float, level: float, count: int
     ) -> Reading:
         notes = []
+        if self.corners.runs_off:
+            fast = -1e6 * self.corners.runs_off / (1.0 + self.corners.runs_off)
+            notes.append(
+                f"the drive monitor runs apart from the command by {fast:.3g} ppm: generator and "
+                "digitizer have clocks of their own"
+            )
         if abs(gain - 1.0) > DIVIDER:
             notes.append(
                 f"the drive monitor reads {gain:.4g} times the drive: the amplifier's gain or the "

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 sys.path.insert(0, str(Path(__file__).parent.parent))
 from small_bench import RATE, recordings
@@ -282,3 +283,26 @@ def test_a_lag_behind_ramps_that_begin_between_samples_is_read_as_it_is(plain, t
 ])  # fmt: skip
 def test_a_monitor_comes_after_or_before_the_command(late_s, said):
     assert _comes(late_s).endswith(said)
+
+
+@pytest.mark.parametrize(("ppm", "tau"), [(5000.0, 0.0), (-8000.0, 0.0), (-2000.0, TAU)])
+def test_a_monitor_that_is_read_by_another_clock_shows_no_lag_of_its_own_and_no_delay(
+    plain, ppm, tau
+):
+    """Several samples by the end, far more than a digitizer's delay."""
+    def apart(drive, fine=50):
+        t = np.arange(drive.size) / RATE
+        dense = np.arange((drive.size - 1) * fine + 1) / (fine * RATE)
+        volts = np.interp(dense, t, drive)
+        if tau:
+            keeps = np.exp(-1.0 / (fine * RATE * tau))
+            volts = drive[0] + lfilter([1.0 - keeps], [1.0, -keeps], volts - drive[0])
+        return np.interp(t / (1.0 + 1e-6 * ppm), dense, volts)
+
+    found = read(watched(plain, amplifier=apart))
+    assert [t.stage.id for t in found.told] == (["amplifier-lag"] if tau else [])
+    if tau:
+        low, high = found.told[0].stage.parameters["tau"].ci95
+        assert low - 0.1 * TAU < TAU < high + 0.1 * TAU
+    said = next(n for n in found.notes if "clocks of their own" in n)
+    assert float(said.split(" by ")[1].split(" ppm")[0]) == pytest.approx(ppm, rel=0.03)
