@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
@@ -13,10 +13,11 @@ from piezo_rig.causes import CAUSES
 from piezo_rig.diagnosis.abreast import abreast
 from piezo_rig.diagnosis.confusion import strengths
 from piezo_rig.diagnosis.forms import CARRIES, carries
+from piezo_rig.diagnosis.ladder import Step
 from piezo_rig.diagnosis.needed import worth_needed
 from piezo_rig.diagnosis.refit import Fitted, refit, settle
 from piezo_rig.diagnosis.refusals import worse
-from piezo_rig.diagnosis.scan import LATER, FloatArray, Scan, by_speed, scan
+from piezo_rig.diagnosis.scan import LATER, FloatArray, Scan, by_speed, of_base, scan
 from piezo_rig.diagnosis.spare import NEEDED, far_off
 
 if TYPE_CHECKING:
@@ -27,6 +28,7 @@ ONE_MORE = 20.0  # log-likelihood of a member at `LATER`: no detour has it for l
 ROUNDS = 2  # of detours
 DETOURS = 2  # at most, from one ladder
 FAR_LESS, PLAIN = 0.7, 100.0  # held-out error with two causes, of that with neither; worth of both
+FORETELLS = 0.99  # held-out error with another member, that makes up for so much evidence
 RIVAL = 0.4  # score of a rival, of the member's own
 
 
@@ -77,16 +79,45 @@ def detour(search: Search) -> bool:
         other.forward()
         more = len(other.causes) - len(search.causes)
         better = NEEDED + ONE_MORE * more if more >= 0 else -NEEDED  # than with one to spare
+        before = search.steps
         if _worth(other) < _worth(search) + better:
+            search.steps = with_stand_in(search, before, other.steps, other.fitted)
             continue
         if worse(other, other.fitted, full) is not None:
             continue
         search.steps, search.barred, search.rearranged = other.steps, other.barred, True
+        search.steps = with_stand_in(search, other.steps, before, full)
         search.scans += other.scans
         if len(other.causes) >= other.most:  # it was not to go on
             search.forward()
         return True
     return False
+
+
+def with_stand_in(
+    search: Search, steps: list[Step], others: Sequence[Step], fitted: Fitted
+) -> list[Step]:
+    """Steps, of which one has another's only other member for a rival, if with that one the model
+    is as good.
+
+    ``fitted`` : by those others
+    """
+    own, theirs = (
+        {s.cause for s in some if s.cause in CAUSES and not of_base(s.cause)}
+        for some in (steps, others)
+    )
+    mine, rivals = own - theirs, theirs - own
+    if len(mine) != 1 or len(rivals) != 1:
+        return steps
+    (member,), (rival,) = mine, rivals
+    here = steps[-1].fitted
+    short = here.evidence - fitted.evidence
+    better = search.error(0, fitted) < FORETELLS * search.error(0, here) and short < ONE_MORE
+    if not (better or search.as_good(fitted, here, rival)):
+        return steps
+    return [
+        replace(s, rivals={**s.rivals, rival: -short}) if s.cause == member else s for s in steps
+    ]
 
 
 def _worth(search: Search) -> float:
