@@ -1,0 +1,42 @@
+"""A detour that does not win may still be as good: its other member is then a rival."""
+
+from types import SimpleNamespace
+
+import pytest
+
+from piezo_rig.diagnosis.detours import with_stand_in
+from piezo_rig.diagnosis.ladder import Step
+
+
+def ladder(evidence, *causes):
+    fitted = SimpleNamespace(evidence=evidence)
+    return [Step(c, 0.0, fitted) for c in causes], fitted
+
+
+@pytest.mark.parametrize(("short", "error", "as_good", "listed"), [
+    (15.0, 3.84, False, True),  # less likely, and foretells more
+    (15.0, 3.92, False, False),  # less likely, and foretells as much
+    (25.0, 3.50, False, False),  # far less likely
+    (3.0, 3.93, True, True),  # about as likely
+])  # fmt: skip
+def test_another_cause_in_the_place_of_one_is_listed_where_it_is_as_good(
+    short, error, as_good, listed
+):
+    steps, here = ladder(-4000.0, "initiation-stage", "thermal-drift", "bend")
+    others, there = ladder(-4000.0 - short, "direction-asymmetry", "initiation-stage")
+    search = SimpleNamespace(
+        error=lambda _, fitted: error if fitted is there else 3.93,
+        as_good=lambda *_: as_good,
+    )
+    found = with_stand_in(search, steps, others, there)
+    assert [set(s.rivals) for s in found] == [
+        set(), {"direction-asymmetry"} if listed else set(), set()
+    ]  # fmt: skip
+    assert [s.cause for s in found] == [s.cause for s in steps]
+
+
+def test_two_causes_in_the_place_of_one_are_no_rival_of_it():
+    steps, here = ladder(-4000.0, "creep")
+    others, there = ladder(-4001.0, "thermal-drift", "cycle-aging")
+    search = SimpleNamespace(error=lambda *_: 1.0, as_good=lambda *_: True)
+    assert with_stand_in(search, steps, others, there) == steps
