@@ -22,7 +22,7 @@ def ladder(evidence, *causes):
 def test_another_cause_in_the_place_of_one_is_listed_where_it_is_as_good(
     short, error, as_good, listed
 ):
-    steps, here = ladder(-4000.0, "initiation-stage", "thermal-drift", "bend")
+    steps, _ = ladder(-4000.0, "initiation-stage", "thermal-drift", "bend")
     others, there = ladder(-4000.0 - short, "direction-asymmetry", "initiation-stage")
     search = SimpleNamespace(
         error=lambda _, fitted: error if fitted is there else 3.93,
@@ -36,7 +36,7 @@ def test_another_cause_in_the_place_of_one_is_listed_where_it_is_as_good(
 
 
 def test_two_causes_in_the_place_of_one_are_no_rival_of_it():
-    steps, here = ladder(-4000.0, "creep")
+    steps, _ = ladder(-4000.0, "creep")
     others, there = ladder(-4001.0, "thermal-drift", "cycle-aging")
     search = SimpleNamespace(error=lambda *_: 1.0, as_good=lambda *_: True)
     assert with_stand_in(search, steps, others, there) == steps
