@@ -22,6 +22,7 @@ FITS = ((ABOUT, 2), (BEFORE, 1), (BEFORE, 2), (AFTER, 1), (AFTER, 2))  # and the
 SURE = 3.0  # standard deviations by which two windows may disagree
 LEAST = 1e-5  # of the drive's range: less is how its numbers are rounded
 ROUNDED = 0.5  # of a digitizer's step: less is rounding, which repeats from sample to sample
+ONCE = 0.9  # of the samples: values of noise come back as rarely
 COUNTED, ON_STEPS = 20.0, 0.05  # steps between neighbours that are looked at; mean share beside
 FOLLOWS = 0.5  # of the mean displacement per volt: noise that the actuator follows so is a drive
 
@@ -36,15 +37,18 @@ def _weights(width: int, place: float, order: int) -> tuple[FloatArray, int, flo
 
 
 def _step_v(drive_v: FloatArray, span: float) -> float:
-    """Of the digitizer, between neighbouring values of a drive, volts; 0 where there are none.
+    """Between neighbouring values of a drive, volts; 0 where there are no steps.
 
-    Values of few samples lie far apart, steps or none: what lies between neighbours must be so
-    many times what lies between the nearest.
+    Values of few samples lie far apart, steps or none. Where hardly any comes back, what lies
+    between neighbours must be so many times what lies between the nearest.
     """
-    apart = np.diff(np.unique(drive_v))
+    values = np.unique(drive_v)
+    apart = np.diff(values)
     apart = apart[apart > 1e-9 * span]
     if not apart.size:
         return 0.0
+    if values.size < ONCE * drive_v.size:
+        return float(np.median(apart))
     times = apart / apart.min()
     times = times[times < COUNTED]
     off = float(np.mean(np.abs(times - np.round(times))))
