@@ -35,13 +35,15 @@ def as_able(space: Space, model: Model, cause: str, others: Sequence[str]) -> li
 
     Each with whatever shares of all that it can do would explain most.
     """
-    less = model.without(cause)
-    if not others or told(space, model, less) < PLAINLY:
-        return list(others)
-    found = _measured(space)
-    mine, base = _said(space, model), _said(space, less)
+    less, kept = model.without(cause), list(others)
+    mine = _said(space, model) if others else None
+    if mine is None:
+        return kept
+    found, base = _measured(space), _said(space, less)
+    own = _unlikely(found, mine)
+    if _unlikely(found, base) - own < PLAINLY:
+        return kept
     left = found if base is None else found - base
-    own, kept = _unlikely(found, mine), list(others)
     for other in candidates(space, less)[0]:
         if other.id not in kept:
             continue

@@ -20,6 +20,7 @@ from piezo_rig.causes.drive_clipping import NEVER_V
 from piezo_rig.chain import Parameter, Stage
 from piezo_rig.chain.stage import Signal
 from piezo_rig.diagnosis.chances import chi2_above
+from piezo_rig.diagnosis.early.behind_a_lag import lines, stairs
 from piezo_rig.diagnosis.early.corners import At, Corners, corners_of
 from piezo_rig.diagnosis.groups import Groups
 from piezo_rig.run_file.sweep import Sweep
@@ -166,7 +167,7 @@ class _Reader:
             tau, places = laws.get(LAG, 0.0), None
             if w.dense is not None:
                 places = (time - w.time_s[0]) / self.corners.step_s
-            out.append(_stairs(v, tau) if held else _lines(v, tau, places))
+            out.append(stairs(v, tau) if held else lines(v, tau, places))
         return out
 
     def guess(self, laws: dict[str, float], held: bool = False, near_s: float = 0.0) -> _Guess:
@@ -455,49 +456,6 @@ def _neighbours(grid: FloatArray, x: float) -> tuple[float, float]:
     below = [g for g in ends if g < x * (1.0 - SAME)] or [x * grid[0] / grid[1]]
     above = [g for g in ends if g > x * (1.0 + SAME)] or [x * grid[-1] / grid[-2]]
     return float(max(below)), float(min(above))
-
-
-def _lines(v: FloatArray, tau: float, places: FloatArray | None = None) -> At:
-    """Straight between points, behind a lag of ``tau`` samples (0: none), at any instant.
-
-    ``places`` : of the points, in samples; the samples themselves by default
-    """
-    from piezo_rig.chain.relaxation import off
-
-    where = np.arange(float(v.size)) if places is None else places
-    wide = np.append(np.diff(where), 1.0)
-    slopes = np.append(np.diff(v), 0.0) / wide
-    behind = np.zeros(v.size)  # how far the lag is behind at each point
-    if tau > 0.0:
-        behind = -off(np.ascontiguousarray(where), np.ascontiguousarray(v), tau)
-
-    def at(position: FloatArray) -> FloatArray:
-        if places is None:
-            j = np.floor(position).astype(int)
-        else:
-            j = np.searchsorted(places, position, side="right") - 1
-        j = np.clip(j, 0, v.size - 1)
-        since = np.clip(position - where[j], 0.0, wide[j])
-        here = v[j] + since * slopes[j]
-        if tau > 0.0:
-            here = here - tau * slopes[j] - (behind[j] - tau * slopes[j]) * np.exp(-since / tau)
-        return here
-
-    return at
-
-
-def _stairs(v: FloatArray, tau: float) -> At:
-    """Held from each sample to the next, behind a lag of ``tau`` samples, at any instant."""
-    from piezo_rig.chain.relaxation import held
-
-    state = held(np.ascontiguousarray(v), tau)
-
-    def at(position: FloatArray) -> FloatArray:
-        j = np.clip(np.ceil(position).astype(int) - 1, 0, v.size - 1)
-        since = np.clip(position - j, 0.0, 1.0)
-        return v[j] + (state[j] - v[j]) * np.exp(-since / tau)
-
-    return at
 
 
 def _comes(late_s: float) -> str:
