@@ -2,9 +2,9 @@
 
 `clean_up` runs the detectors in order. ``spikes`` finds outliers; ``breaks`` jumps of the
 interferometer and lost samples, with ``traces`` (what a recording has of its own), ``place`` (at
-which sample) and ``mended`` (the repair); ``hum`` the mains; ``lines`` any other line in clock
-time, for the verdict on the rest. ``monitor`` reads the drive monitor, with ``corners`` (where in
-it, and its noise).
+which sample), ``running_off`` (or a clock) and ``mended`` (the repair); ``hum`` the mains;
+``lines`` any other line in clock time, for the verdict on the rest. ``monitor`` reads the drive
+monitor, with ``corners`` (where in it, and its noise) and ``behind_a_lag`` (a drive at any instant).
 """
 
 from piezo_rig.diagnosis.early.clean_up import (
