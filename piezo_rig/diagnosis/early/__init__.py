@@ -4,7 +4,8 @@
 interferometer and lost samples, with ``traces`` (what a recording has of its own), ``place`` (at
 which sample), ``running_off`` (or a clock) and ``mended`` (the repair); ``hum`` the mains;
 ``lines`` any other line in clock time, for the verdict on the rest. ``monitor`` reads the drive
-monitor, with ``corners`` (where in it, and its noise) and ``behind_a_lag`` (a drive at any instant).
+monitor, with ``corners`` (where in it, and its noise) and ``behind_a_lag`` (a drive at any
+instant).
 """
 
 from piezo_rig.diagnosis.early.clean_up import (
