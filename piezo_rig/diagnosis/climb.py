@@ -23,7 +23,7 @@ from piezo_rig.diagnosis.fit import Point
 from piezo_rig.diagnosis.foretold import foretold, in_a_better_form
 from piezo_rig.diagnosis.forms import converged, in_another_form, reached, summit
 from piezo_rig.diagnosis.ladder import Ladder, Step
-from piezo_rig.diagnosis.late import note_the_other
+from piezo_rig.diagnosis.late import note_the_other, rather_the_other
 from piezo_rig.diagnosis.likelihood import Likelihood
 from piezo_rig.diagnosis.own_laws import also, loosen, rather
 from piezo_rig.diagnosis.patience import Patience
@@ -39,7 +39,7 @@ from piezo_rig.diagnosis.refusals import (
     of_a_law,
     worse,
 )
-from piezo_rig.diagnosis.scan import LATER, LEVEL, RUN_OFF, Found, Scan, of_base, scan
+from piezo_rig.diagnosis.scan import LATER, LEVEL, RUN_OFF, Found, Scan, has_reach, of_base, scan
 from piezo_rig.diagnosis.scores import score_generic
 from piezo_rig.diagnosis.shapes import in_another_shape
 from piezo_rig.diagnosis.space import Space
@@ -59,6 +59,7 @@ MUCH_NEARER = 0.5  # the same for one that came to nothing
 # gain of a law let go of, of what any other cause would, while there is one; of what a table would
 PLAINLY, OF_A_TABLE = 2.0, 0.3
 OF_A_BEND = 0.8  # worth of a bend, of that of a law, from which on it is the bend
+NEARLY = 0.8  # worth of another law of the first spring, of that of one, from which it is doubted
 OF_ANOTHERS = 0.5  # log-likelihood of a rival beside the member that was taken, of that before
 MASKED = 0.5  # worth of a cause, of that of one which was refused for what it predicts
 HOPE = 1.5  # times what the last step of a climb gained that each further one may gain
@@ -323,18 +324,26 @@ class Search:
                 if j != i and not of_base(result.ids[j])
                 and (w > worth - NEEDED or self.as_good(f, fitted, result.ids[j]))
             }
-            self.accept(Step(id, float(family[i]), fitted, rivals))
+            doubted = has_reach(id) and any(
+                has_reach(result.ids[j]) for w, j, _ in refits if j != i and w > NEARLY * worth
+            )
+            self.accept(Step(id, float(family[i]), fitted, rivals, doubted))
             self.tidy()
             return True
         return foretold(self, here, found, refits, family) or any_close
 
-    def as_good(self, rival: Fitted, fitted: Fitted, id: str) -> bool:
+    def as_good(
+        self, rival: Fitted, fitted: Fitted, id: str, short: float | None = None
+    ) -> bool:
         """Whether a rival says hardly less than a model, and predicts what is held out no worse.
 
         Causes whose difference has a d' below `confusion.APART` are not told apart; on the average
         their likelihoods differ by half the square of that.
+
+        ``short`` : by how much less it says, if not by its evidence
         """
-        if CAUSES[id].has_elements or rival.evidence < fitted.evidence - 0.5 * APART**2:
+        short = fitted.evidence - rival.evidence if short is None else short
+        if CAUSES[id].has_elements or short > 0.5 * APART**2:
             return False
         return self.error(0, rival) <= AS_WELL * self.error(0, fitted)
 
@@ -368,6 +377,8 @@ class Search:
         members = len(self.causes)
         prune(self)
         self.scan_anew(members)
+        if len(self.causes) > 1:
+            rather_the_other(self)
 
     def scan_anew(self, members: int = 0) -> None:
         """Numbers with several summits, and forms, of members that were fitted while the newest was

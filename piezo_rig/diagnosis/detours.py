@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
@@ -12,12 +12,13 @@ import numpy as np
 from piezo_rig.causes import CAUSES
 from piezo_rig.diagnosis.abreast import abreast
 from piezo_rig.diagnosis.confusion import strengths
-from piezo_rig.diagnosis.forms import CARRIES, carries
+from piezo_rig.diagnosis.forms import CARRIES, carries, converged, summit
 from piezo_rig.diagnosis.ladder import Step
 from piezo_rig.diagnosis.needed import worth_needed
+from piezo_rig.diagnosis.own_laws import also
 from piezo_rig.diagnosis.refit import Fitted, refit, settle
 from piezo_rig.diagnosis.refusals import worse
-from piezo_rig.diagnosis.scan import LATER, FloatArray, Scan, by_speed, of_base, scan
+from piezo_rig.diagnosis.scan import LATER, FloatArray, Scan, by_speed, has_reach, of_base, scan
 from piezo_rig.diagnosis.spare import NEEDED, far_off
 
 if TYPE_CHECKING:
@@ -55,9 +56,13 @@ def detour(search: Search) -> bool:
     One cause may stand in for two others, neither of which improves on it alone. Members that
     are worth least are tried first, and only where a rival comes near them. What needs more than
     one more member than the ladder at hand is no better explanation. A member that is alone is
-    doubted only where something is left beside it.
+    doubted only where something is left beside it, or where another law of the first spring came
+    near it: their forms are many, and those that were compared need not be the best of each.
     """
-    if not search.causes or (len(search.causes) == 1 and not far_off(search)):
+    if not search.causes:
+        return False
+    alone = len(search.causes) == 1
+    if alone and not (far_off(search) or any(s.doubted for s in search.steps)):
         return False
     full, taken = search.fitted, 0
     for member, less, found in _one_by_one(search):
@@ -77,6 +82,8 @@ def detour(search: Search) -> bool:
             goal=_worth(search) - NEEDED,
         )  # fmt: skip
         other.forward()
+        if alone:
+            _at_its_best(other)
         more = len(other.causes) - len(search.causes)
         better = NEEDED + ONE_MORE * more if more >= 0 else -NEEDED  # than with one to spare
         before = search.steps
@@ -92,6 +99,20 @@ def detour(search: Search) -> bool:
             search.forward()
         return True
     return False
+
+
+def _at_its_best(search: Search) -> None:
+    """The only member of a ladder with all that it may do, at its own reach: what it is compared
+    with has gone through that.
+    """
+    if len(search.causes) != 1 or not has_reach(search.causes[0]):
+        return
+    for _ in range(2):
+        step = search.steps[-1]
+        fitted = summit(search.space, converged(search.space, step.fitted), step.cause)
+        search.steps[-1] = replace(step, fitted=fitted)
+        if not also(search, search.fitted, 0.0):
+            break
 
 
 def with_stand_in(
@@ -111,9 +132,9 @@ def with_stand_in(
         return steps
     (member,), (rival,) = mine, rivals
     here = steps[-1].fitted
-    short = here.evidence - fitted.evidence
+    short = _beyond(here, own) - _beyond(fitted, theirs)
     better = search.error(0, fitted) < FORETELLS * search.error(0, here) and short < ONE_MORE
-    if not (better or search.as_good(fitted, here, rival)):
+    if not (better or search.as_good(fitted, here, rival, short)):
         return steps
     return [
         replace(s, rivals={**s.rivals, rival: -short}) if s.cause == member else s for s in steps
@@ -124,7 +145,11 @@ def _worth(search: Search) -> float:
     """Evidence of a ladder beyond what its tables gain by chance, and laws that hang on two half
     loops: see `race.tried`.
     """
-    fitted, members = search.fitted, search.causes
+    return _beyond(search.fitted, search.causes)
+
+
+def _beyond(fitted: Fitted, members: Collection[str]) -> float:
+    """The same of a model with these members."""
     return fitted.evidence - sum(
         worth_needed(fitted, s.id) + CARRIES * carries(fitted, s.id)
         for s in fitted.point.model.stages if s.id in members

@@ -240,7 +240,12 @@ def reached(space: Space, fitted: Fitted, id: str, than: Fitted) -> Fitted:
         return summit(space, fitted, id)
 
     def tied(begun: Fitted) -> Fitted:
-        return summit(space, _tied(space, begun, id), id)
+        kept = _tied(space, begun, id)
+        there = summit(space, kept, id)
+        if kept is begun:
+            return there
+        free = summit(space, begun, id)  # there they may say less, though not where it was begun
+        return free if free.evidence > there.evidence - FADES else there
 
     if fitted.evidence > than.evidence + PLAIN:
         best = max(abreast(space, [partial(tied, f) for f in _forms(space, fitted, id, than)],

@@ -14,12 +14,14 @@ class Step:
     """One accepted cause, and the model with it.
 
     ``rivals`` were refitted to nearly the same, with what a linear look had promised of each.
+    ``doubted`` says that another law of the first spring came near it.
     """
 
     cause: str
     p_value: float
     fitted: Fitted
     rivals: Mapping[str, float] = field(default_factory=dict)
+    doubted: bool = False
 
 
 @dataclass(frozen=True, eq=False)

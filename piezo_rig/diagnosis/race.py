@@ -18,7 +18,7 @@ from piezo_rig.diagnosis.needed import at_a_limit, worth_needed
 from piezo_rig.diagnosis.put_in import LARGE, plainer, refitted
 from piezo_rig.diagnosis.refit import Fitted
 from piezo_rig.diagnosis.refusals import FAR_OFF, MUCH
-from piezo_rig.diagnosis.scan import Form, Found, Scan, by_speed, of_base
+from piezo_rig.diagnosis.scan import Form, Found, Scan, by_speed, has_reach, of_base
 
 if TYPE_CHECKING:
     from piezo_rig.diagnosis.climb import Search
@@ -93,7 +93,7 @@ def tried(
     most = max((f.evidence - here.evidence for f in rivals), default=0.0)
     known = [part for _, f in begun for part in f.parts]
     # laws first: their forms are many
-    begun.sort(key=lambda b: "reach" not in CAUSES[result.ids[b[0]]].optional)
+    begun.sort(key=lambda b: not has_reach(result.ids[b[0]]))
     grow = [partial(_grown, search, here, found, i, f, most) for i, f in begun]
     grown = abreast(search.space, grow, [*here.parts, *known])
     out: list[Tried] = []

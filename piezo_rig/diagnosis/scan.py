@@ -132,6 +132,12 @@ def cuts_off(id: str) -> bool:
     return issubclass(kind, Cause) and kind.cuts_off
 
 
+def has_reach(id: str) -> bool:
+    """Whether it is a law of what happens up to some way behind a turning point."""
+    kind = CAUSES[id]
+    return issubclass(kind, Cause) and "reach" in kind.optional
+
+
 def of_base(id: str) -> bool:
     """Whether it belongs to the base model: found like a cause, but no other name for one."""
     kind = CAUSES[id]
