@@ -23,7 +23,7 @@ from piezo_rig.diagnosis.fit import Point
 from piezo_rig.diagnosis.foretold import foretold, in_a_better_form
 from piezo_rig.diagnosis.forms import converged, in_another_form, reached, summit
 from piezo_rig.diagnosis.ladder import Ladder, Step
-from piezo_rig.diagnosis.late import note_the_other, rather_the_other
+from piezo_rig.diagnosis.late import both, note_the_other, rather_the_other
 from piezo_rig.diagnosis.likelihood import Likelihood
 from piezo_rig.diagnosis.own_laws import also, loosen, rather
 from piezo_rig.diagnosis.patience import Patience
@@ -121,8 +121,10 @@ def _climbed(search: Search, brief: bool, begun: bool) -> Ladder:
     clear(search)
     if not begun or set(search.causes) != set(members):
         around(search)
+        if both(search):
+            search.forward()
     search.steps = search.rungs()
-    faint(search)
+    _less_what_is_faint(search)
     for _ in range(ROUNDS):
         if not idle(search):
             break
@@ -132,6 +134,25 @@ def _climbed(search: Search, brief: bool, begun: bool) -> Ladder:
         idle(search)
     note_the_other(search)
     return Ladder(search.first, tuple(search.rungs()), tuple(search.scans))
+
+
+def _less_what_is_faint(search: Search) -> None:
+    """Drop what is faint, which may have stood where something else belongs.
+
+    What was refused beside it is tried again.
+    """
+    gone = set[str]()
+    for _ in range(FEW):
+        members = search.causes
+        faint(search)
+        if search.causes == members or not search.left_over():
+            return
+        gone |= set(members) - set(search.causes)
+        search.barred = {
+            id: why for id, why in search.barred.items() if id in gone or why == CAME_TO_NOTHING
+        }
+        search.forward()
+    faint(search)
 
 
 @dataclass(eq=False)

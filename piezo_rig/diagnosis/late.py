@@ -17,16 +17,22 @@ import numpy as np
 from piezo_rig.causes import CAUSES
 from piezo_rig.causes.cause import Cause
 from piezo_rig.diagnosis.fit import Point
-from piezo_rig.diagnosis.forms import as_late
+from piezo_rig.diagnosis.forms import as_late, converged
 from piezo_rig.diagnosis.refit import Fitted, refit
 from piezo_rig.diagnosis.refusals import worse
-from piezo_rig.diagnosis.scan import candidates
+from piezo_rig.diagnosis.scan import by_speed, candidates
+from piezo_rig.diagnosis.spare import far_off
 from piezo_rig.errors import InputError
 
 if TYPE_CHECKING:
     from piezo_rig.diagnosis.climb import Search
 
 PLAINLY = 3.0  # log-likelihood by which the other must say more
+EACH = 20.0  # and for each member more
+HALF = 0.5  # squared error beyond the noise, of that before, which is as good
+# where a lag and a delay together are begun: times how late one thing alone is, share of the lag
+TOTALS, SHARES = (1.0, 1.5, 2.0, 3.0, 4.0), (0.25, 0.5, 0.75)
+LIKELIEST = 3  # of those that are refitted
 
 def rather_the_other(search: Search) -> None:
     """Put a delay in a lag's place, or a lag in a delay's, where that says plainly more."""
@@ -41,6 +47,68 @@ def rather_the_other(search: Search) -> None:
         search.steps, search.rearranged = steps, True
         search.barred.pop(id, None)
         return
+
+
+def both(search: Search) -> bool:
+    """Put a lag and a delay where one thing that goes by speed leaves much; whether they stay.
+
+    Of a large lag and a large delay neither alone looks like much: what the other does to corners
+    is then in the way.
+    """
+    groups, model = search.space.groups, search.fitted.point.model
+    late: dict[str, float] = {}
+    for id in search.causes:
+        stage = model.stage(id)
+        if by_speed(id) and isinstance(stage, Cause):
+            late[id] = stage.late_s(groups.travel_um / groups.span_v)
+    kinds = [k for k in CAUSES.values() if issubclass(k, Cause) and k.lasting]
+    if not late or not np.isfinite(list(late.values())).all() or not far_off(search):
+        return False
+    if all(k.id in late for k in kinds) or any(k.id in search.space.excluded for k in kinds):
+        return False
+    less, most = search.fitted.point, max(late.values())
+    for id in late:
+        less = less.without(id)
+    search.tell(f"refit with {' and '.join(k.id for k in kinds)} for {', '.join(late)}")
+
+    def begun(total: float, share: float) -> Fitted | None:
+        point = less
+        for kind, part in zip(kinds, (share, 1.0 - share), strict=True):
+            own = kind.of(None, **{kind.lasting: part * total})
+            sizes = (*point.sizes, (kind.id, kind.lasting, 0.1 * part * total))
+            point = replace(point, model=point.model.with_stage(own), sizes=sizes)
+        try:
+            return refit(search.space, point, steps=0, held=True)
+        except (InputError, np.linalg.LinAlgError):
+            return None
+
+    tried = [begun(times * most, share) for times in TOTALS for share in SHARES]
+    likeliest = sorted((f for f in tried if f is not None), key=lambda f: -f.evidence)[:LIKELIEST]
+    there = max(
+        (converged(search.space, refit(search.space, f.point, held=True)) for f in likeliest),
+        key=lambda f: f.evidence, default=None,
+    )  # fmt: skip
+    if there is None:
+        return False
+    needed = PLAINLY + EACH * (len(kinds) - len(late))
+    if there.evidence < search.fitted.evidence + needed and not _foretells(search, there):
+        return False
+    if worse(search, there, search.fitted) is not None:
+        return False
+    first = next(s for s in search.steps if s.cause in late)
+    rest = [s for s in search.steps if s.cause not in late]
+    search.steps = [*rest, *(replace(first, cause=k.id, fitted=there, rivals={}) for k in kinds)]
+    for kind in kinds:
+        search.barred.pop(kind.id, None)
+    search.rearranged = True
+    return True
+
+
+def _foretells(search: Search, there: Fitted) -> bool:
+    """Whether half of what a ladder leaves of what was held out is gone, beyond doubt."""
+    noise = search.noise_nm**2
+    left, before = (search.error(0, f) ** 2 - noise for f in (there, search.fitted))
+    return left < HALF * before and search.helps(search.fitted, there, False)
 
 
 def note_the_other(search: Search) -> None:
