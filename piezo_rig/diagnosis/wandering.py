@@ -62,7 +62,10 @@ def wanders(space: Space, fitted: Fitted, id: str) -> str | None:
 
 
 def wandering(space: Space, fitted: Fitted) -> tuple[float, float]:
-    """How far the gain of the only recording wanders, rms, and what that does, nm rms."""
+    """How far the gain of the only recording wanders, rms, and what that does, nm rms.
+
+    Parts count by how far they move: at rest a gain is of noise alone.
+    """
     (group,) = space.groups.groups
     moved = group.predicted(fitted.point.model)
     off = group.measured_um.mean(axis=0) - moved
@@ -72,5 +75,6 @@ def wandering(space: Space, fitted: Fitted) -> tuple[float, float]:
         own = moved[a:b] - moved[a:b].mean()
         square[k] = float(own @ own) / own.size
         gains[k] = float(own @ off[a:b]) / max(float(own @ own), 1e-30)  # 0 at rest
-    gains -= gains.mean()
-    return float(np.sqrt(np.mean(gains**2))), 1e3 * float(np.sqrt(np.mean(square * gains**2)))
+    moves = square / max(float(square.sum()), 1e-30)
+    gains -= moves @ gains
+    return float(np.sqrt(moves @ gains**2)), 1e3 * float(np.sqrt(np.mean(square * gains**2)))
