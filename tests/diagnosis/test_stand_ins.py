@@ -4,12 +4,15 @@ from types import SimpleNamespace
 
 import pytest
 
+from piezo_rig.causes.extremum_dependence import ExtremumDependence
 from piezo_rig.diagnosis.detours import with_stand_in
+from piezo_rig.diagnosis.forms import CARRIES
 from piezo_rig.diagnosis.ladder import Step
 
 
 def ladder(evidence, *causes):
-    fitted = SimpleNamespace(evidence=evidence)
+    point = SimpleNamespace(model=SimpleNamespace(stages=()))
+    fitted = SimpleNamespace(evidence=evidence, point=point)
     return [Step(c, 0.0, fitted) for c in causes], fitted
 
 
@@ -40,3 +43,17 @@ def test_two_causes_in_the_place_of_one_are_no_rival_of_it():
     others, there = ladder(-4001.0, "thermal-drift", "cycle-aging")
     search = SimpleNamespace(error=lambda *_: 1.0, as_good=lambda *_: True)
     assert with_stand_in(search, steps, others, there) == steps
+
+
+def test_a_law_that_hangs_on_two_half_loops_is_compared_at_its_price():
+    steps, here = ladder(-4000.0, "extremum-dependence")
+    others, there = ladder(-4010.0, "range-dependence")
+    stage = ExtremumDependence.of(None, slope=0.01, offset=0.0, reach=0.3, carries=1.0)
+    here.point.model = SimpleNamespace(stages=(stage,), stage=lambda _: stage)
+    asked = []
+    search = SimpleNamespace(
+        error=lambda *_: 1.0, as_good=lambda *given: asked.append(given[3]) or True,
+    )
+    found = with_stand_in(search, steps, others, there)
+    assert asked == [10.0 - CARRIES]
+    assert found[0].rivals == {"range-dependence": CARRIES - 10.0}
