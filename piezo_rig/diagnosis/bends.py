@@ -91,7 +91,7 @@ def with_own_bend(search: Search) -> None:
         return
     search.tell("baseline, with its bend")
     _, p = score_powers(search.space.linear(search.first.point), search.rng)
-    own_um, search.space.own_um = search.space.own_um, own_um_of(bent)
+    own_um, search.space.own_um = search.space.own_um, own_um_of(bent, search.space.groups)
     fitted = refit(search.space, Point(bent, tuple(s.id for s in bent.stages)))
     if search.error(0, fitted) < search.error(0, search.first) + 1e3 * own_um:
         search.accept(Step(BEND, p, fitted))

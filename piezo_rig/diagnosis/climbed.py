@@ -332,7 +332,7 @@ def _set_out(
     """
     space, folds = engine.space_of(groups, whitener, start.model)
     if start.fixed:
-        space.own_um = own_um_of(start.model)
+        space.own_um = own_um_of(start.model, groups)
     first, floor = refit(space, start), noise_floor_nm(settled or groups)
     kind = reported_kind(groups, folds)
     if folds == "cycles" and extrapolates(space):

@@ -36,6 +36,7 @@ from piezo_rig.diagnosis.found import EVENTS, NO_FINDINGS, Diagnosis, Finding, R
 from piezo_rig.diagnosis.given import against_lacking
 from piezo_rig.diagnosis.grouping import group_tracks
 from piezo_rig.diagnosis.groups import Groups
+from piezo_rig.diagnosis.held import within_its_drives
 from piezo_rig.diagnosis.held_out import (
     AGAIN,
     Errors,
@@ -108,13 +109,14 @@ def diagnose(
         if tell is not None:
             tell(text)
 
-    if isinstance(baseline, Model):
-        found = against_lacking(
-            sweeps, baseline, seed, lambda them, name: _diagnosed(them, name, seed, step), step
-        )
-        if found is not None:
-            return found
-    return _diagnosed(sweeps, baseline, seed, step)
+    if not isinstance(baseline, Model):
+        return _diagnosed(sweeps, baseline, seed, step)
+    known, notes = within_its_drives(sweeps, baseline)
+    found = against_lacking(
+        known, baseline, seed, lambda them, name: _diagnosed(them, name, seed, step), step
+    )
+    found = found or _diagnosed(known, baseline, seed, step)
+    return replace(found, notes=[*notes, *found.notes])
 
 
 def _diagnosed(

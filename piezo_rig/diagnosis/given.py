@@ -51,10 +51,10 @@ def against_lacking(
     """
     groups = group_tracks(prepare(sweeps, first_rises=True, clipped=True), sweeps)
     floor_nm = noise_floor_nm(groups)
-    if floor_nm is None or not lacks_causes(model, floor_nm):
+    if floor_nm is None or not lacks_causes(model, floor_nm, groups):
         return None
     tell("what has changed since")
-    own_um = best_um_of(model)
+    own_um = best_um_of(model, groups)
     space = plain_space(groups, model)
     held = refit(space, Point(model, fixed=tuple(s.id for s in model.stages)))
     warnings = baseline_warnings(groups, held)

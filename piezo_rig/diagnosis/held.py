@@ -19,26 +19,74 @@ from piezo_rig.diagnosis import basis, dictionary
 from piezo_rig.diagnosis.dictionary import Scales
 from piezo_rig.diagnosis.groups import Group, Groups
 from piezo_rig.diagnosis.linear import Fixed, Piece
+from piezo_rig.run_file.sweep import Sweep
 
 FloatArray = NDArray[np.float64]
 RIDGE = 1e-8  # of the scaled Gram matrix
+BEYOND = 0.02  # of the range of a model's drives: others that go further
 SPARE = 2.0  # times what a model was off by itself; beyond that, what is wrong with it is news
 
 
-def own_um_of(model: Model) -> float:
-    """How far off a given model was where it was identified; unbounded where it does not say."""
-    return _own_um(model.provenance)
+def own_um_of(model: Model, groups: Groups) -> float:
+    """How far off a given model was where it was identified; unbounded where it does not say.
+
+    What it was off by for drives that went further than all others counts where these do.
+    """
+    return _own_um(model.provenance, _further(model, groups))
 
 
-def best_um_of(model: Model) -> float:
+def best_um_of(model: Model, groups: Groups) -> float:
     """The same, with its bend beside it where that was nearer."""
-    bent = model.provenance.get("bent")
-    return min(own_um_of(model), _own_um(bent) if isinstance(bent, dict) else np.inf)
+    bent, further = model.provenance.get("bent"), _further(model, groups)
+    beside = _own_um(bent, further) if isinstance(bent, dict) else np.inf
+    return min(_own_um(model.provenance, further), beside)
 
 
-def _own_um(said: Mapping[str, Any]) -> float:
-    own = said.get("rms_nm")
+def _own_um(said: Mapping[str, Any], further: bool) -> float:
+    own = said.get("rms_nm") if further else said.get("within_nm", said.get("rms_nm"))
     return 1e-3 * float(own) if isinstance(own, int | float) and own > 0 else np.inf
+
+
+def _further(model: Model, groups: Groups) -> bool:
+    """Whether a drive goes beyond those that a model was identified from, if it says which."""
+    ends = _ends_v(model)
+    return ends is None or any(_beyond(g.drive_v, ends) for g in groups.groups)
+
+
+def within_its_drives(sweeps: Sequence[Sweep], model: Model) -> tuple[list[Sweep], list[str]]:
+    """Recordings that go no further than those a given model was identified from, and what is to
+    be said of the others.
+
+    What its elements do beyond is not known, and would be named as something new. All of them
+    where none stays within, or where one carries on from another.
+    """
+    ends = _ends_v(model)
+    if ends is None or any(s.history != "virgin" for s in sweeps):
+        return list(sweeps), []
+    beyond = [_beyond(s.drive_v, ends) for s in sweeps]
+    if all(beyond) or not any(beyond):
+        return list(sweeps), []
+    names = list(dict.fromkeys(
+        s.condition or s.name for s, out in zip(sweeps, beyond, strict=True) if out
+    ))  # fmt: skip
+    return [s for s, out in zip(sweeps, beyond, strict=True) if not out], [
+        f"left out: {', '.join(names)}: they go beyond the {ends[0]:.4g} to {ends[1]:.4g} V that "
+        "the given model was identified from, where it says nothing; identify it again with them"
+    ]
+
+
+def _ends_v(model: Model) -> tuple[float, float] | None:
+    """Lowest and highest drive that a model was identified from; None where it does not say."""
+    ends = model.provenance.get("drive_v")
+    if not (isinstance(ends, list) and len(ends) == 2):
+        return None
+    return float(ends[0]), float(ends[1])
+
+
+def _beyond(drive_v: FloatArray, ends: tuple[float, float]) -> bool:
+    low, high = ends
+    room = BEYOND * (high - low)
+    return bool(np.min(drive_v) < low - room or np.max(drive_v) > high + room)
 
 
 def bends_left(

@@ -103,9 +103,9 @@ class Change:
     alternatives: tuple[str, ...]
 
 
-def lacks_causes(model: Model, floor_nm: float) -> bool:
+def lacks_causes(model: Model, floor_nm: float, groups: Groups) -> bool:
     """Whether a given model by `identify` was far off even there, a bend beside it or not."""
-    own_um = best_um_of(model)
+    own_um = best_um_of(model, groups)
     known = np.isfinite(own_um) and model.name in NAMED_MODELS
     return bool(known and 1e3 * own_um >= FAR_OFF * floor_nm)
 

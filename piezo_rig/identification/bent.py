@@ -48,11 +48,13 @@ class Bent:
     ----------
     curves, bend : the two together
     rms_nm : held-out error
+    within_nm : the same of what swings no further than the rest
     """
 
     curves: Curves
     bend: Stage
     rms_nm: float
+    within_nm: float
 
 
 def bent(
@@ -88,10 +90,11 @@ def bent(
         found = _again(left, found, one_curve, laws, elements)
     normal = linearised(left, found.curves, found.pieces)
     held = held_out_scores(left, found.curves, normal, found.folds, floor_of(left), found.prior)
-    error = (held or scores(left, found.curves.branches())).rms_nm
+    fitted = scores(left, found.curves.branches())
+    whole, within = (held.whole, held.within or fitted) if held else (fitted, fitted)
     values = dict(zip(POWERS, map(float, total), strict=True))
     bend = Bend.of(None, from_v=low, over_v=span, **values)
-    return Bent(found.curves, bend, error)
+    return Bent(found.curves, bend, whole.rms_nm, within.rms_nm)
 
 
 def _again(

@@ -128,12 +128,13 @@ def identify(
     held = held_out_scores(data, fit.curves, normal, fit.folds, floor, fit.prior)
     tell("done", 1.0)
     fitted = scores(data, built.branches())
-    built = _off_by(built, held or fitted)
+    whole, within = (held.whole, held.within or fitted) if held else (None, fitted)
+    built = _off_by(built, whole or fitted, within)
     built = _with_bent(data, fit, built, elements, laws)
     built = _with_recorded(built, sweeps)
     notes = [*data.left_out, *fit.notes, *_bend_said(built), *_unexplained(data, fitted)]
     return Identification(
-        built, scheme, fitted, held, fit.folds.kind, band, None, notes
+        built, scheme, fitted, whole, fit.folds.kind, band, None, notes
     )
 
 
@@ -168,9 +169,15 @@ def _by_slopes(
     )
 
 
-def _off_by(model: Model, scores: Scores) -> Model:
-    """The model, with how far off it is: what it is held to when later data are held against it."""
-    return model.with_(provenance=model.provenance | {"rms_nm": round(scores.rms_nm, 4)})
+def _off_by(model: Model, scores: Scores, within: Scores | None = None) -> Model:
+    """The model, with how far off it is: what it is held to when later data are held against it.
+
+    ``within`` : the same of drives that swing no further than others that it knew
+    """
+    said = {"rms_nm": round(scores.rms_nm, 4)}
+    if within is not None:
+        said["within_nm"] = round(within.rms_nm, 4)
+    return model.with_(provenance=model.provenance | said)
 
 
 def _with_recorded(model: Model, sweeps: Sequence[Sweep]) -> Model:
@@ -197,7 +204,8 @@ def _with_bent(
     later = first if one_curve else found.curves.later_elements(data.later_reach_v)
     model = _build(name, first, later, one_curve, list(found.curves.law_stages()), {})
     model = model.with_stage(found.bend)
-    said = {"rms_nm": round(found.rms_nm, 4), "stages": [s.to_dict() for s in model.stages]}
+    said = {"rms_nm": round(found.rms_nm, 4), "within_nm": round(found.within_nm, 4),
+            "stages": [s.to_dict() for s in model.stages]}  # fmt: skip
     return built.with_(provenance=built.provenance | {"bent": said})
 
 

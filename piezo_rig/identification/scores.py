@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,6 +18,7 @@ from piezo_rig.identification.smooth import Prior
 from piezo_rig.identification.solve import continuity, solve_bounded
 
 FloatArray = NDArray[np.float64]
+FURTHER = 1.02  # swing of a drive, of that of all others: more is beyond them
 FAR = 3.0  # times the full fit's error: a linearised refit that cannot be meant
 
 
@@ -69,6 +71,21 @@ def scores(data: Data, branches: Branches) -> Scores:
     return Scores.pooled(parts)
 
 
+@dataclass(frozen=True)
+class HeldOut:
+    """Scores on what a refit never saw.
+
+    Attributes
+    ----------
+    whole : of everything
+    within : without the folds whose drive swings further than that of all others, where a refit
+        has to go beyond what it knows; None where there are no others
+    """
+
+    whole: Scores
+    within: Scores | None
+
+
 def held_out_scores(
     data: Data,
     curves: Curves,
@@ -76,20 +93,42 @@ def held_out_scores(
     folds: Folds,
     floor: float,
     prior: Prior | None = None,
-) -> Scores | None:
-    """Scores on what a refit never saw.
+) -> HeldOut | None:
+    """Scores on what a refit never saw; None where nothing can be held out.
 
     Every fold is refitted from the Gram matrices about the full fit; break points stay.
     """
     if folds.kind == "none":
         return None
+    parts = _of_each_fold(data, curves, normal, folds, floor, prior)
+    swings = np.array([_swing_v(data, normal, group) for group in folds.groups])
+    within = [
+        p for k, own in enumerate(parts) for p in own
+        if swings[k] <= FURTHER * np.delete(swings, k).max(initial=0.0)
+    ]  # fmt: skip
+    return HeldOut(
+        Scores.pooled([p for own in parts for p in own]), Scores.pooled(within) if within else None
+    )
+
+
+def _swing_v(data: Data, normal: Normal, group: Sequence[int]) -> float:
+    """How far the drive goes in some pieces, from the lowest to the highest, V."""
+    own = [normal.pieces[i] for i in group]
+    drives = [data.tracks[p.track].drive_v[p.begin : p.end] for p in own]
+    return max(float(d.max()) for d in drives) - min(float(d.min()) for d in drives)
+
+
+def _of_each_fold(
+    data: Data, curves: Curves, normal: Normal, folds: Folds, floor: float, prior: Prior | None
+) -> list[list[Scores]]:
     all_gram, all_right = normal.gram.sum(axis=0), normal.right.sum(axis=0)
     if prior is not None:
         all_gram += prior.penalty(all_right.size)
     else:
         noise = float(normal.power.sum() / normal.count.sum())
         all_gram += continuity(curves.pack(False), curves.runs(), all_gram, noise)
-    bounded, centre, parts = curves.bounded(False), curves.pack(False), []
+    bounded, centre = curves.bounded(False), curves.pack(False)
+    parts: list[list[Scores]] = []
     for group in folds.groups:
         held = list(group)
         gram = all_gram - normal.gram[held].sum(axis=0)
@@ -106,8 +145,8 @@ def held_out_scores(
             x = _around_law(curves, gram, right, bounded, floor, centre)
             again = curves.unpack(_continued(x, curves, centre), False).branches()
             found = _errors(data, normal, held, again)
-        parts += found
-    return Scores.pooled(parts)
+        parts.append(found)
+    return parts
 
 
 def _errors(data: Data, normal: Normal, held: list[int], branches: Branches) -> list[Scores]:

@@ -28,7 +28,7 @@ def model():
 def asked(model, **changed):
     sweeps = recordings(seed=3, **changed)
     space = plain_space(group_tracks(prepare(sweeps, first_rises=True), sweeps), model)
-    space.own_um, space.loose = own_um_of(model), True
+    space.own_um, space.loose = own_um_of(model, space.groups), True
     first = refit(space, Point(model, fixed=tuple(s.id for s in model.stages)))
 
     def error_nm(fitted):
