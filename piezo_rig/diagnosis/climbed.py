@@ -39,7 +39,7 @@ from piezo_rig.diagnosis.held_out import (
     spanned,
 )
 from piezo_rig.diagnosis.held_out import repeated as all_repeated
-from piezo_rig.diagnosis.in_order import in_order
+from piezo_rig.diagnosis.in_order import bends_first, in_order
 from piezo_rig.diagnosis.kinks import as_in, with_kinks
 from piezo_rig.diagnosis.ladder import Ladder, Step
 from piezo_rig.diagnosis.monitored import corrected, freed, taken_in
@@ -358,6 +358,7 @@ def _at_their_reaches(out: Climbed, tell: Callable[[str], None]) -> Climbed:
         for known in out.known.values() for name, ci in known.intervals.items()
     }
     out.ladder = faded(out.space, out.ladder, tell)
+    out.ladder = bends_first(out.space, out.ladder, out.error_nm, tell)
     out.ladder = in_order(out.space, out.ladder, out.error_nm, tell)
     last = out.ladder.last
     settle(out.space, last.point)

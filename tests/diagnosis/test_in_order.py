@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import pytest
 
 from piezo_rig.diagnosis import in_order as module
-from piezo_rig.diagnosis.in_order import in_order
+from piezo_rig.diagnosis.in_order import bends_first, in_order
 from piezo_rig.diagnosis.ladder import Ladder, Step
 
 
@@ -43,3 +43,27 @@ def test_what_raises_the_error_comes_after_what_it_needs(monkeypatch, errors, or
     for k, step in enumerate(found.steps):  # each fitted with those before it
         assert step.fitted.members == frozenset(order[: k + 1])
     assert found.steps[-1].fitted.members == frozenset(longest)
+
+
+@pytest.mark.parametrize(("alone", "order"), [
+    (8.0, ["bend", "creep", "time-skew"]),
+    (9.04, ["bend", "creep", "time-skew"]),  # no worse than by chance
+    (11.0, ["creep", "bend", "time-skew"]),  # alone it spoils what was held out
+])  # fmt: skip
+def test_a_bend_of_the_base_comes_before_causes(monkeypatch, alone, order):
+    def one_by_one(space, steps, tell):
+        members = [s.cause for s in steps]
+        return [
+            Step(s.cause, s.p_value, model(*members[: k + 1])) for k, s in enumerate(steps)
+        ]
+
+    monkeypatch.setattr(module, "one_by_one", one_by_one)
+    causes = ["creep", "bend", "time-skew"]
+    ladder = Ladder(model(), tuple(
+        Step(c, 0.0, model(*causes[: k + 1])) for k, c in enumerate(causes)
+    ), ())  # fmt: skip
+    errors = {frozenset(): 9.0, frozenset({"bend"}): alone}
+    found = bends_first(None, ladder, lambda f: errors[f.members], lambda text: None)
+    assert [s.cause for s in found.steps] == order
+    for k, step in enumerate(found.steps):
+        assert step.fitted.members == frozenset(order[: k + 1])
