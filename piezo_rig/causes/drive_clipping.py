@@ -8,6 +8,10 @@ hysteresis starts back from the limit: behind the flat stretch the displacement 
 turning point, steeply or not by its history. A clipped sensor hides a motion that went on; where
 it lets go, the actuator is long on its way back.
 
+A limit above 0 V holds the actuator there before anything is played. Either its memory is empty
+there, or it was at 0 V (``empty_at_v``) and the first volts of its first rise are behind it: the
+data decide.
+
 Remedy: Stay within the limits that are named, or raise the amplifier's rail; what was asked for
 beyond them was never played.
 
@@ -17,6 +21,7 @@ Plausible: the last few volts of the range.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import ClassVar
 
 import numpy as np
@@ -52,8 +57,11 @@ class DriveClipping(Cause):
     meanings: ClassVar[Mapping[str, str]] = {
         "lower": "the drive never falls below this",
         "upper": "the drive never rises above this",
+        "empty_at_v": "where its memory was empty, if not at the lower limit",
     }
     units: ClassVar[Mapping[str, str]] = {"lower": "V", "upper": "V"}
+    optional: ClassVar[Mapping[str, str]] = {"empty_at_v": "V"}
+    given: ClassVar[tuple[str, ...]] = ("empty_at_v",)
     neutral: ClassVar[Mapping[str, float]] = {"lower": -NEVER_V, "upper": NEVER_V}
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {
         "lower": (-1.001 * NEVER_V, NEVER_V), "upper": (-NEVER_V, 1.001 * NEVER_V),
@@ -63,6 +71,20 @@ class DriveClipping(Cause):
 
     def act(self, signal: Signal) -> Signal:
         return signal.with_drive(np.clip(signal.drive_v, self["lower"], self["upper"]))
+
+    def shape(self, branches: Branches) -> Branches:
+        risen_v = self["lower"] - self["empty_at_v"] if "empty_at_v" in self.parameters else 0.0
+        if risen_v <= 0.0:
+            return branches
+        return replace(branches, initiation=branches.initiation.beyond(risen_v))
+
+    def otherwise(self) -> list[Stage]:
+        """With an actuator that was at 0 V before the amplifier held it above, or without."""
+        if not 0.0 < self["lower"] < NEVER_V:
+            return []
+        if "empty_at_v" not in self.parameters:
+            return [self.with_values(empty_at_v=0.0)]
+        return [self.of(None, lower=self["lower"], upper=self["upper"])]
 
     def increment(self, branches: Branches) -> Increment | str:
         return Increment(Operation.CLIP, (self["lower"], self["upper"]))

@@ -50,6 +50,11 @@ class Curve:
         np.cumsum(_steps(self.knots_v) * self.compliance_um_per_v[:-1], out=moved[1:])
         return moved
 
+    def beyond(self, volts: float) -> Curve:
+        """What is left of it behind so many volts."""
+        first = int(np.searchsorted(self.knots_v, volts, side="right"))
+        return Curve(self.knots_v[first:] - volts, self.compliance_um_per_v[first:])
+
     @classmethod
     def of(cls, elements: Elements) -> Curve:
         """The first rise of a set of elements; past the last break point its slope goes on."""

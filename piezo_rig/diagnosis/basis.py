@@ -71,17 +71,16 @@ def _bands(model: Model, group: Group, played: FloatArray) -> FloatArray:
         if stage.elements is None:
             continue
         rising = first_rise_v(stage.elements.knots_v, seen[before:]) if apart else None
+        behind = max(len(stage.elements) - first, 0)  # of a first rise, before it is recorded
         for k in range(len(stage.elements)):
             if rising is not None and stage.id != "maxwell":
                 rows.append(rising[k])
                 continue
             rise, branch = np.zeros(first), np.zeros(later)
-            if stage.id != "maxwell":
-                rise[k] = 1.0
-            else:
+            if stage.id == "maxwell":
                 branch[k] = 1.0
-                if apart or not own:
-                    rise[k] = 1.0
+            if (stage.id != "maxwell" or apart or not own) and k >= behind:
+                rise[k - behind] = 1.0
             out = np.empty(drive.size)
             slope = np.full((1, 1), 1.0 / branch[0] if branch[0] else np.inf)
             kernels.fill(seen, ints, floats, first, rise, slope, branch[1:], out)
