@@ -18,7 +18,7 @@ from piezo_rig.causes import CAUSES
 from piezo_rig.causes.cause import Cause
 from piezo_rig.diagnosis.fit import Point
 from piezo_rig.diagnosis.forms import as_late, converged
-from piezo_rig.diagnosis.refit import Fitted, refit
+from piezo_rig.diagnosis.refit import STEPS, Fitted, refit
 from piezo_rig.diagnosis.refusals import worse
 from piezo_rig.diagnosis.scan import by_speed, candidates
 from piezo_rig.diagnosis.spare import far_off
@@ -71,25 +71,21 @@ def both(search: Search) -> bool:
         less = less.without(id)
     search.tell(f"refit with {' and '.join(k.id for k in kinds)} for {', '.join(late)}")
 
-    def begun(total: float, share: float) -> Fitted | None:
+    def begun(total: float, share: float) -> Point:
         point = less
         for kind, part in zip(kinds, (share, 1.0 - share), strict=True):
             own = kind.of(None, **{kind.lasting: part * total})
             sizes = (*point.sizes, (kind.id, kind.lasting, 0.1 * part * total))
             point = replace(point, model=point.model.with_stage(own), sizes=sizes)
-        try:
-            return refit(search.space, point, steps=0, held=True)
-        except (InputError, np.linalg.LinAlgError):
-            return None
+        return point
 
-    tried = [begun(times * most, share) for times in TOTALS for share in SHARES]
-    likeliest = sorted((f for f in tried if f is not None), key=lambda f: -f.evidence)[:LIKELIEST]
-    there = max(
-        (converged(search.space, refit(search.space, f.point, held=True)) for f in likeliest),
-        key=lambda f: f.evidence, default=None,
-    )  # fmt: skip
-    if there is None:
+    begins = [begun(times * most, share) for times in TOTALS for share in SHARES]
+    looked = [f for p in begins if (f := _refitted(search, p, 0)) is not None]
+    likeliest = sorted(looked, key=lambda f: -f.evidence)[:LIKELIEST]
+    ends = [f for one in likeliest if (f := _refitted(search, one.point)) is not None]
+    if not ends:
         return False
+    there = converged(search.space, max(ends, key=lambda f: f.evidence))
     needed = PLAINLY + EACH * (len(kinds) - len(late))
     if there.evidence < search.fitted.evidence + needed and not _foretells(search, there):
         return False
@@ -102,6 +98,14 @@ def both(search: Search) -> bool:
         search.barred.pop(kind.id, None)
     search.rearranged = True
     return True
+
+
+def _refitted(search: Search, point: Point, steps: int = STEPS) -> Fitted | None:
+    """A point refitted; None where it cannot be played."""
+    try:
+        return refit(search.space, point, steps, held=True)
+    except (InputError, np.linalg.LinAlgError):
+        return None
 
 
 def _foretells(search: Search, there: Fitted) -> bool:
