@@ -37,6 +37,7 @@ def with_a_steady_one(sweeps):
     )  # fmt: skip
 
 
+@pytest.mark.study
 def test_that_it_settles_is_found_without_anything_else_that_asks_for_it():
     search = with_a_steady_one(drifting(30e-3, SETTLES_S))
     search.forward()

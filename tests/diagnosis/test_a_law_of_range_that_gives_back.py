@@ -31,9 +31,9 @@ def bump(um_per_v2):
     return effect
 
 
+@pytest.mark.study
 @pytest.mark.parametrize(("kind", "seed"), [
-    ("white", 0), *(pytest.param(k, s, marks=pytest.mark.study)
-                    for k in ("white", "1/f", "ar") for s in (1, 2)),
+    ("white", 0), *((k, s) for k in ("white", "1/f", "ar") for s in (1, 2)),
 ])  # fmt: skip
 def test_it_is_named(kind, seed):
     size = 2e-4 if kind == "ar" else 7e-5  # in slow noise the smaller one does not show

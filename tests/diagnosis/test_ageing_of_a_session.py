@@ -86,7 +86,8 @@ def test_a_gain_that_is_not_steady_for_another_reason_is_no_ageing():
 TWO = CONDITIONS[2], CONDITIONS[1]
 
 
-@pytest.mark.parametrize("seed", [0, *(pytest.param(s, marks=pytest.mark.study) for s in (1, 2))])
+@pytest.mark.study
+@pytest.mark.parametrize("seed", [0, 1, 2])
 def test_repeats_of_two_drives_are_enough_to_see_it(seed):
     (finding,) = diagnose(recordings(aged(0.0015), repeats=3, seed=seed, conditions=TWO)).findings
     assert finding.cause == "cycle-aging"

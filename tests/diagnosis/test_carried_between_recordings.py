@@ -133,6 +133,7 @@ def test_a_slew_limit_shows_on_sinusoids_that_exceed_it_at_their_steepest():
     assert found.findings[0].parameters["limit"].value == pytest.approx(1700.0, abs=5.0)
 
 
+@pytest.mark.study
 def test_corners_that_are_cut_off_are_no_outliers():
     """A fast triangle that is clipped lacks one sample at each of its lower corners."""
     def amplifier(drive):

@@ -19,6 +19,7 @@ def ringing(x, frequency, damping):
     return lfilter(above, below, x)
 
 
+@pytest.mark.study
 def test_its_frequency_and_damping():
     frequency = 7100.0
     rng, out = np.random.default_rng(3), []

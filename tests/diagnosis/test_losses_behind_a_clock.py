@@ -20,9 +20,8 @@ def smooth(seed: int, samples: int) -> np.ndarray:
     return 37.0 + 35.0 * np.tanh(0.8 * noise)
 
 
-@pytest.mark.parametrize(("seed", "lost"), [
-    (1, 3), pytest.param(4, 6, marks=pytest.mark.study),
-])  # fmt: skip
+@pytest.mark.study
+@pytest.mark.parametrize(("seed", "lost"), [(1, 3), (4, 6)])
 def test_a_loss_under_a_smooth_drive_is_found_where_it_is(seed, lost):
     samples = int(RATE * SECONDS)
     drive = smooth(seed, samples + 100)

@@ -85,6 +85,7 @@ def test_drift_is_found_in_a_random_walk():
     assert abs(10.0 - 0.5 * (low + high)) < 1.5 * 0.5 * (high - low)
 
 
+@pytest.mark.study
 def test_hum_is_found_where_the_drive_may_turn_once_a_period():
     sensor = lambda x, t: x + 2e-3 * np.sin(2.0 * np.pi * 50.0 * t + 0.3)  # noqa: E731
     (hum,) = diagnose([walk(30, 10, sensor=sensor)]).findings

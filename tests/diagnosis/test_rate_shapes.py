@@ -109,10 +109,9 @@ def test_thresholds_that_widen_by_a_share_that_levels_off_are_named_down_to_the_
     assert out.rungs[-1].rms_nm < 1.03 * 1e3 * NOISE_UM
 
 
+@pytest.mark.study
 @pytest.mark.parametrize(("thresholds", "seed"), [
-    (of_a_share, 2),
-    *(pytest.param(t, s, marks=pytest.mark.study) for t, s in
-      [(by_volts, 1), (of_a_share, 1), (by_volts, 2), (of_a_share, 3), (by_volts, 3)]),
+    (of_a_share, 2), (by_volts, 1), (of_a_share, 1), (by_volts, 2), (of_a_share, 3), (by_volts, 3),
 ])  # fmt: skip
 def test_widening_thresholds_are_named_in_slow_noise(seed, thresholds):
     out = diagnose(session(triangles(), thresholds, slow(seed), 2e-3))

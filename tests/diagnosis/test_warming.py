@@ -136,6 +136,7 @@ def test_slopes_of_few_recordings_are_no_noise_where_nothing_else_is_slow(seed):
     assert differs_nm(settled) == pytest.approx(differs_nm(quiet), rel=0.01)
 
 
+@pytest.mark.study
 def test_slopes_of_a_zero_that_walks_at_random_are_noise():
     """But for one session in a hundred."""
     same = 0

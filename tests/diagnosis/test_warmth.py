@@ -54,9 +54,9 @@ def session(seed: int, changed) -> list[Sweep]:
     return out
 
 
+@pytest.mark.study
 @pytest.mark.parametrize(("seed", "tau_s", "power"), [
-    (1, 2.2, 1.0), pytest.param(3, 1.3, 1.0, marks=pytest.mark.study),
-    pytest.param(2, 5.0, 2.0, marks=pytest.mark.study),
+    (1, 2.2, 1.0), (3, 1.3, 1.0), (2, 5.0, 2.0),
 ])  # fmt: skip
 def test_warmth_is_no_law_of_turning_points_and_no_asymmetry(seed, tau_s, power):
     found = diagnose(session(seed, lambda x, v: x + 6e-3 * warm_um(v, tau_s, power)))
@@ -65,7 +65,8 @@ def test_warmth_is_no_law_of_turning_points_and_no_asymmetry(seed, tau_s, power)
     assert {"frequency", "clock"} & set(found.unexplained.depends_on)
 
 
-@pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.study)])
+@pytest.mark.study
+@pytest.mark.parametrize("seed", [1, 2])
 def test_what_creeps_at_those_speeds_is_still_a_creep(seed):
     found = diagnose(session(seed, lambda x, v: x + 0.001 * crept_um(x)))
     assert [f.cause for f in found.findings] == ["creep"]

@@ -309,6 +309,7 @@ def cleaned(sweeps):
     return clean_up(groups, sweeps, point, lambda g, p: plainly(g, p).point, LEVEL, 25)[0]
 
 
+@pytest.mark.study
 def test_samples_lost_where_the_drive_stands_still_show_by_all_that_follows():
     """There they begin as a kink does, which any base may have."""
     sweeps, lost_at = sines_with_a_loss()

@@ -175,7 +175,9 @@ def another(drive):
     return 30.0 * np.sin(np.arange(drive.size) / 300.0)
 
 
-@pytest.mark.parametrize("monitor", [silent, another])
+@pytest.mark.parametrize("monitor", [
+    silent, pytest.param(another, marks=pytest.mark.study),
+])
 def test_a_monitor_of_something_else_is_said_and_not_used(plain, monitor):
     found = read(watched(plain, monitor))
     assert found.told == ()
