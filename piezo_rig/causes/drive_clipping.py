@@ -79,12 +79,10 @@ class DriveClipping(Cause):
         return replace(branches, initiation=branches.initiation.beyond(risen_v))
 
     def otherwise(self) -> list[Stage]:
-        """With an actuator that was at 0 V before the amplifier held it above, or without."""
-        if not 0.0 < self["lower"] < NEVER_V:
+        """With an actuator that was at 0 V before the amplifier held it above."""
+        if "empty_at_v" in self.parameters or not 0.0 < self["lower"] < NEVER_V:
             return []
-        if "empty_at_v" not in self.parameters:
-            return [self.with_values(empty_at_v=0.0)]
-        return [self.of(None, lower=self["lower"], upper=self["upper"])]
+        return [self.with_values(empty_at_v=0.0)]
 
     def increment(self, branches: Branches) -> Increment | str:
         return Increment(Operation.CLIP, (self["lower"], self["upper"]))
@@ -126,4 +124,6 @@ class DriveClipping(Cause):
 
     def reported(self, covariance: FloatArray) -> dict[str, Parameter]:
         every = super().reported(covariance)
+        if abs(self["lower"]) >= NEVER_V:
+            every.pop("empty_at_v", None)
         return {n: p for n, p in every.items() if abs(p.value) < NEVER_V}

@@ -115,7 +115,8 @@ def diagnose(
     found = against_lacking(
         known, baseline, seed, lambda them, name: _diagnosed(them, name, seed, step), step
     )
-    found = found or _diagnosed(known, baseline, seed, step)
+    if found is None:
+        found = _diagnosed(known, baseline, seed, step)
     return replace(found, notes=[*notes, *found.notes])
 
 

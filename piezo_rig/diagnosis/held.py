@@ -80,6 +80,8 @@ def _ends_v(model: Model) -> tuple[float, float] | None:
     ends = model.provenance.get("drive_v")
     if not (isinstance(ends, list) and len(ends) == 2):
         return None
+    if not all(isinstance(v, int | float) for v in ends):
+        return None
     return float(ends[0]), float(ends[1])
 
 

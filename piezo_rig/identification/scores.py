@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection
 from dataclasses import dataclass
 
 import numpy as np
@@ -78,8 +78,8 @@ class HeldOut:
     Attributes
     ----------
     whole : of everything
-    within : without the folds whose drive swings further than that of all others, where a refit
-        has to go beyond what it knows; None where there are no others
+    within : without the folds whose drive swings further than all the rest, where a refit has to
+        go beyond what it knows; None where nothing is left
     """
 
     whole: Scores
@@ -101,21 +101,22 @@ def held_out_scores(
     if folds.kind == "none":
         return None
     parts = _of_each_fold(data, curves, normal, folds, floor, prior)
-    swings = np.array([_swing_v(data, normal, group) for group in folds.groups])
+    every = set(range(len(normal.pieces)))
     within = [
-        p for k, own in enumerate(parts) for p in own
-        if swings[k] <= FURTHER * np.delete(swings, k).max(initial=0.0)
+        p for own, group in zip(parts, folds.groups, strict=True) for p in own
+        if _swing_v(data, normal, group) <= FURTHER * _swing_v(data, normal, every - set(group))
     ]  # fmt: skip
     return HeldOut(
         Scores.pooled([p for own in parts for p in own]), Scores.pooled(within) if within else None
     )
 
 
-def _swing_v(data: Data, normal: Normal, group: Sequence[int]) -> float:
+def _swing_v(data: Data, normal: Normal, group: Collection[int]) -> float:
     """How far the drive goes in some pieces, from the lowest to the highest, V."""
     own = [normal.pieces[i] for i in group]
     drives = [data.tracks[p.track].drive_v[p.begin : p.end] for p in own]
-    return max(float(d.max()) for d in drives) - min(float(d.min()) for d in drives)
+    high = max((float(d.max()) for d in drives), default=0.0)
+    return high - min((float(d.min()) for d in drives), default=0.0)
 
 
 def _of_each_fold(

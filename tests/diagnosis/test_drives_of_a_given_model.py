@@ -80,3 +80,18 @@ def test_a_scale_of_half_a_percent_is_seen(reference):
     found = diagnose(later, reference)
     assert [f.cause for f in found.findings] == ["sensor-scale"]
     assert found.findings[0].parameters["ratio"].value == pytest.approx(1.005, abs=3e-4)
+
+
+def test_cycles_that_are_held_out_of_one_sweep_are_within_what_the_others_swing():
+    """Not the fit's own error, which any model of enough elements brings down."""
+    alone = recordings(seed=4, conditions=UP_TO_70[-1:], repeats=1)
+    said = identify(alone, "classical").model.provenance
+    assert said["held_out"] == "cycles"
+    assert said["within_nm"] == said["rms_nm"]
+
+
+@pytest.mark.parametrize("ends", [["0", "70"], [0.0], None, "0-70"])
+def test_a_damaged_word_of_its_drives_is_none(reference, ends):
+    model = reference.with_(provenance=reference.provenance | {"drive_v": ends})
+    sweeps = recordings(seed=4, conditions=FURTHER)
+    assert within_its_drives(sweeps, model) == (sweeps, [])
