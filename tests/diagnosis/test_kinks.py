@@ -98,6 +98,7 @@ def drifting(seen):
     return seen + 40e-3 * np.arange(seen.size) / RATE
 
 
+@pytest.mark.study
 def test_they_are_looked_for_beside_the_first_cause_as_well():
     found = diagnose(sweeps(FEW, 0.03, drifting, tops=TOPS[2:]))
     assert [f.cause for f in found.findings] == ["thermal-drift"]

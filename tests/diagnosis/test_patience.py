@@ -9,7 +9,7 @@ from piezo_rig.diagnosis import diagnose
 from piezo_rig.diagnosis.climb import Search
 from piezo_rig.diagnosis.patience import AT_ALL, WAYS_ROUND, Patience
 from piezo_rig.errors import InputError
-from tests.diagnosis.small_bench import recordings
+from tests.diagnosis.small_bench import CONDITIONS, recordings
 
 
 def test_first_ways_round_and_then_everything_comes_to_an_end():
@@ -67,7 +67,7 @@ def test_a_law_that_holds_no_more_ends_a_climb_and_not_the_diagnosis(monkeypatch
     def slow(x, drive, t):
         return x + 5e-3 * t * 3.0 + 2e-4 * drive * np.log1p(t)
 
-    found = diagnose(recordings(effect=slow))
+    found = diagnose(recordings(effect=slow, conditions=CONDITIONS[1:3]))
     assert found.findings
     assert any(words in note for note in found.notes)
 

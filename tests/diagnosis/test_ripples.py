@@ -15,6 +15,7 @@ from piezo_rig.diagnosis.ripples import find_ripple, set_aside
 from piezo_rig.identification import prepare
 from piezo_rig.studies.hidden import draw
 from tests.diagnosis.small_bench import recordings
+from tests.more import first_of
 
 
 def classical(sweeps):
@@ -49,6 +50,7 @@ def test_its_overtones_hide_no_ripple():
     assert found.period_um == pytest.approx(0.5, rel=0.01)
 
 
+@pytest.mark.study
 def test_it_is_set_aside_before_causes_are_looked_for():
     """A drift beside it is found, and nothing else is taken for it."""
     ripple = grating(0.57, 3e-3)
@@ -84,6 +86,6 @@ def test_a_period_near_half_a_wavelength_tells_the_scale():
 @pytest.mark.parametrize("kind", [
     "null", "creep", "amplifier-lag", "direction-asymmetry",
 ])  # fmt: skip
-@pytest.mark.parametrize("protocol", ["matrix", "holds", "one"])
+@pytest.mark.parametrize("protocol", first_of(1, ["matrix", "holds", "one"]))
 def test_what_a_model_gets_wrong_is_no_ripple(kind, protocol):
     assert seen(draw(kind, 4021, protocol, "1/f", 100.0, 2).sweeps) is None
