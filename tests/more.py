@@ -9,7 +9,7 @@ import pytest
 
 
 def first_of(now: int, cases: Iterable[Any]) -> list[Any]:
-    """Cases for ``parametrize``: the first ``now`` as they are, the others marked as the study's."""
+    """Cases for ``parametrize``: the first ``now`` as they are, the others for the study."""
     cases = list(cases)
     study = [
         pytest.param(*(case if isinstance(case, tuple) else (case,)), marks=pytest.mark.study)
