@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from piezo_rig.diagnosis.groups import Groups
 from piezo_rig.diagnosis.refit import Fitted
@@ -19,11 +20,13 @@ BEYOND = 1.1  # times the swing up to which a given model has elements
 LEADS = -0.01  # area of a loop, of the drive's range times the travel
 MOVES_UM_PER_V = 1e-4, 20.0  # a small stack under a volt; a lever of amplified stacks
 FAR_OFF = 3.0  # times the noise, where it was identified
+AT_AN_END = 8.0  # standard deviations of the noise from the last volt that a sensor shows
+STANDS = 0.1  # of the drive's range that passes while it stands there
 
 
 def data_warnings(groups: Groups, sweeps: Sequence[Sweep]) -> list[str]:
     """Repeats that are not repeats, and data that no stack gives."""
-    out = [*_copies(sweeps), *unlike_a_stack(groups)]
+    out = [*_copies(sweeps), *unlike_a_stack(groups), *_at_an_end(sweeps)]
     for g in groups.groups:
         if g.repeats < 2:
             continue
@@ -81,6 +84,40 @@ def _copies(sweeps: Sequence[Sweep]) -> list[str]:
                 "but no repeat; the noise that is told from repeats comes out too small"
             )
     return out
+
+
+def _at_an_end(sweeps: Sequence[Sweep]) -> list[str]:
+    """A voltage beyond which no recording goes, wherever it begins: the end of the sensor's output.
+
+    Where all begin at one voltage it is a level above their zero, which is a cause to be found.
+    """
+    out, noise_v = list[str](), [_noise(s.sensor_v) for s in sweeps]
+    near = AT_AN_END * float(np.median(noise_v)) if noise_v else 0.0
+    for side, sign in (("highest", 1.0), ("lowest", -1.0)):
+        end = max((float(np.max(sign * s.sensor_v)) for s in sweeps), default=0.0)
+        standing, moved = list[Sweep](), 0.0
+        for s in sweeps:
+            there = sign * s.sensor_v > end - near
+            travel, swing = float(np.ptp(s.sensor_v)), float(np.ptp(s.drive_v))
+            passed = float(np.ptp(s.drive_v[there])) if there.any() else 0.0
+            if passed > max(STANDS, 4.0 * near / max(travel, near)) * swing:
+                standing.append(s)
+                moved = max(moved, passed)
+        zeros = [s.zero_v for s in standing]
+        if len(standing) > 1 and max(zeros) - min(zeros) > 2.0 * near:
+            out.append(
+                f"the sensor stands at {sign * end:.4g} V, its {side}, in {len(standing)} "
+                f"recordings that begin at different voltages, while up to {moved:.3g} V of drive "
+                "pass: its output or the digitizer's input ends there, and what was recorded there "
+                "is no displacement; set a wider range, or the sensor to zero, and record again"
+            )
+    return out
+
+
+def _noise(volts: NDArray[np.float64]) -> float:
+    """Standard deviation of a signal's noise, by how much it bends from sample to sample."""
+    bends = np.abs(np.diff(volts, 2))
+    return float(np.median(bends[bends > 0.0])) / 1.65 if np.any(bends > 0.0) else 0.0
 
 
 def baseline_warnings(groups: Groups, fitted: Fitted) -> list[str]:

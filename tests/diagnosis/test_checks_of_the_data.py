@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
 from piezo_rig.diagnosis.checks import data_warnings
@@ -12,7 +13,8 @@ from tests.diagnosis.two_drives import session
 
 def said(change=lambda sweep: sweep):
     sweeps = [change(s) for s in session(0, "white", lambda number, time: 0.0 * time)]
-    return data_warnings(group_tracks(prepare(sweeps), sweeps), sweeps)
+    data = prepare(sweeps, clipped=True)
+    return data_warnings(group_tracks(data, sweeps), sweeps)
 
 
 def test_a_stack_as_it_is_gives_no_warning():
@@ -46,3 +48,23 @@ def test_a_drive_that_was_recorded_late_leads():
         return s.with_(sensor_v=s.sensor_v[late:].copy(), command_v=s.command_v[:-late].copy())
 
     assert any("recorded late" in warning for warning in said(shifted))
+
+
+def at_an_end(shift_v, end_v):
+    """Recordings that begin at voltages of their own, cut off at one voltage before the noise."""
+    rng, number = np.random.default_rng(0), iter(range(100))
+
+    def cut_off(s):
+        volts = np.minimum(s.sensor_v + shift_v * next(number), end_v)
+        volts += 2e-3 * rng.standard_normal(volts.size)
+        return s.with_(sensor_v=volts, zero_v=float(volts[0]))
+
+    return [warning for warning in said(cut_off) if "sensor stands" in warning]
+
+
+def test_a_voltage_beyond_which_no_recording_goes_is_the_sensors_end():
+    (warning,) = at_an_end(shift_v=0.5, end_v=7.0)  # of a travel of 8.2 V and 5 V
+    assert "stands at 7.0" in warning
+    assert "its highest" in warning
+    assert at_an_end(shift_v=0.5, end_v=np.inf) == []  # each goes as far as it likes
+    assert at_an_end(shift_v=0.0, end_v=7.0) == []  # all begin at one voltage: a level, and a cause
