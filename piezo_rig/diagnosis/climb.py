@@ -33,6 +33,7 @@ from piezo_rig.diagnosis.reduction import reduce
 from piezo_rig.diagnosis.refit import Fitted, refit, settle
 from piezo_rig.diagnosis.refusals import (
     BESIDE,
+    CAME_TO_NOTHING,
     OF_THE_MISFIT,
     carrying,
     of_a_corner,
@@ -43,7 +44,17 @@ from piezo_rig.diagnosis.scan import LATER, LEVEL, RUN_OFF, Found, Scan, has_rea
 from piezo_rig.diagnosis.scores import score_generic
 from piezo_rig.diagnosis.shapes import in_another_shape
 from piezo_rig.diagnosis.space import Space
-from piezo_rig.diagnosis.spare import AMISS, NEEDED, clear, faint, far_off, idle, one_by_one, prune
+from piezo_rig.diagnosis.spare import (
+    AMISS,
+    NEEDED,
+    clear,
+    faint,
+    far_off,
+    idle,
+    less_what_is_faint,
+    one_by_one,
+    prune,
+)
 from piezo_rig.diagnosis.warmth import OF_WARMTH
 from piezo_rig.errors import InputError
 
@@ -52,7 +63,6 @@ MOST = 8  # findings
 DOUBTFUL = 1e-6  # chance of a false alarm above which a cause must predict unseen data better
 ROUNDS, FEW = 2, 3
 AS_WELL = 1.0005  # held-out error of a rival, of that of what was taken: less is chance
-CAME_TO_NOTHING = "once refitted it came out at a limit, or no different from nothing"
 # held-out error beside the noise, of that when a cause was refused, below which it is tried again
 NEARER = 0.9
 MUCH_NEARER = 0.5  # the same for one that came to nothing
@@ -124,7 +134,7 @@ def _climbed(search: Search, brief: bool, begun: bool) -> Ladder:
         if both(search):
             search.forward()
     search.steps = search.rungs()
-    _less_what_is_faint(search)
+    less_what_is_faint(search)
     for _ in range(ROUNDS):
         if not idle(search):
             break
@@ -134,25 +144,6 @@ def _climbed(search: Search, brief: bool, begun: bool) -> Ladder:
         idle(search)
     note_the_other(search)
     return Ladder(search.first, tuple(search.rungs()), tuple(search.scans))
-
-
-def _less_what_is_faint(search: Search) -> None:
-    """Drop what is faint, which may have stood where something else belongs.
-
-    What was refused beside it is tried again.
-    """
-    gone = set[str]()
-    for _ in range(FEW):
-        members = search.causes
-        faint(search)
-        if search.causes == members or not search.left_over():
-            return
-        gone |= set(members) - set(search.causes)
-        search.barred = {
-            id: why for id, why in search.barred.items() if id in gone or why == CAME_TO_NOTHING
-        }
-        search.forward()
-    faint(search)
 
 
 @dataclass(eq=False)

@@ -19,7 +19,7 @@ from piezo_rig.diagnosis.held_out import without_first_rises
 from piezo_rig.diagnosis.ladder import Ladder, Step
 from piezo_rig.diagnosis.needed import needless, plain_bend, worth_needed
 from piezo_rig.diagnosis.refit import Fitted, refit, settle, wholly
-from piezo_rig.diagnosis.refusals import like_no_other, of_a_law
+from piezo_rig.diagnosis.refusals import CAME_TO_NOTHING, like_no_other, of_a_law
 from piezo_rig.diagnosis.scan import of_base
 from piezo_rig.diagnosis.space import Space
 from piezo_rig.diagnosis.unexplained import unexplained
@@ -43,6 +43,7 @@ NEXT_TO_NOTHING = 0.05  # log-likelihood of what is left with a member, of that 
 MORE = 0.1  # of the squared noise, of what is held out and left without a member
 PLAIN = 50.0  # log-likelihood of a member that is dropped only if it does harm beyond doubt
 OF_WHAT_IT_TOOK = 0.5  # squared error: a table that leaves more only stands in for something
+AGAIN = 3  # times that what was refused beside something faint is tried
 WEAK, SHADOW = 16.0, 15.0  # d' and log-likelihood that leave an effect in doubt beside such laws
 
 
@@ -161,6 +162,25 @@ def _one_thing_less(search: Search) -> None:
                 search.steps[-1] = replace(search.steps[-1], fitted=less)
                 search.rearranged = True
                 break
+
+
+def less_what_is_faint(search: Search) -> None:
+    """Drop what is faint, which may have stood where something else belongs.
+
+    What was refused beside it is tried again.
+    """
+    gone = set[str]()
+    for _ in range(AGAIN):
+        members = search.causes
+        faint(search)
+        if search.causes == members or not search.left_over():
+            return
+        gone |= set(members) - set(search.causes)
+        search.barred = {
+            id: why for id, why in search.barred.items() if id in gone or why == CAME_TO_NOTHING
+        }
+        search.forward()
+    faint(search)
 
 
 def faint(search: Search) -> None:

@@ -1,10 +1,10 @@
 """What is dropped as faint may have stood where something else belongs, which is tried again."""
 
-
 import pytest
 
-from piezo_rig.diagnosis import climb as module
-from piezo_rig.diagnosis.climb import CAME_TO_NOTHING, _less_what_is_faint
+from piezo_rig.diagnosis import spare as module
+from piezo_rig.diagnosis.refusals import CAME_TO_NOTHING
+from piezo_rig.diagnosis.spare import less_what_is_faint
 
 
 class Search:
@@ -39,7 +39,7 @@ def faint(search):
 def test_what_was_refused_beside_it_is_tried_again(monkeypatch, left, causes, looks):
     monkeypatch.setattr(module, "faint", faint)
     search = Search(left, {"thermal-drift": "once refitted it says no more", "creep": "at a limit"})
-    _less_what_is_faint(search)
+    less_what_is_faint(search)
     assert search.causes == causes
     assert search.looks == looks
 
@@ -47,5 +47,5 @@ def test_what_was_refused_beside_it_is_tried_again(monkeypatch, left, causes, lo
 def test_what_came_to_nothing_is_not_tried_again(monkeypatch):
     monkeypatch.setattr(module, "faint", faint)
     search = Search(30.0, {"thermal-drift": CAME_TO_NOTHING})
-    _less_what_is_faint(search)
+    less_what_is_faint(search)
     assert search.causes == ["range-dependence"]
