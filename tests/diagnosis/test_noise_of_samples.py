@@ -11,9 +11,10 @@ from piezo_rig.diagnosis.grouping import group_tracks
 from piezo_rig.diagnosis.refit import refit
 from piezo_rig.identification import prepare
 from tests.diagnosis.two_drives import session
+from tests.more import first_of
 
 
-@pytest.mark.parametrize("recordings", [2, 6])
+@pytest.mark.parametrize("recordings", first_of(1, [2, 6]))
 def test_it_is_the_same_with_repeats_and_without(recordings):
     sweeps = session(3, "white", lambda *_: 0.0, 16000)[:recordings]
     groups = group_tracks(prepare(sweeps), sweeps)

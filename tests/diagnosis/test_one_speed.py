@@ -13,6 +13,7 @@ from scipy.signal import lfilter
 from piezo_rig.diagnosis import diagnose, refusals
 from piezo_rig.run_file.sweep import Sweep
 from tests.diagnosis.sliders import play
+from tests.more import first_of
 
 RATE, FINER, HZ, HIGH, CYCLES, REPEATS, NOISE_UM = 5000.0, 4, 5.0, 68.0, 6, 3, 1.6e-3
 REST_S = 0.02
@@ -70,7 +71,7 @@ def test_a_delay_is_found(delay):
     assert not found.unexplained.detected
 
 
-@pytest.mark.parametrize("seed", [3, 4, 5])
+@pytest.mark.parametrize("seed", first_of(1, [3, 4, 5]))
 def test_nothing_is_found_in_a_loop_that_is_only_a_loop(seed):
     found = diagnose(sweeps(seed))
     assert list(found.findings) == []

@@ -67,7 +67,7 @@ def test_a_law_that_holds_no_more_ends_a_climb_and_not_the_diagnosis(monkeypatch
     def slow(x, drive, t):
         return x + 5e-3 * t * 3.0 + 2e-4 * drive * np.log1p(t)
 
-    found = diagnose(recordings(effect=slow, conditions=CONDITIONS[1:3]))
+    found = diagnose(recordings(effect=slow, conditions=CONDITIONS[1:3], repeats=1))
     assert found.findings
     assert any(words in note for note in found.notes)
 

@@ -88,7 +88,7 @@ def test_a_memory_of_part_of_what_follows_is_no_first_rise(drive, excursion_v):
 
 
 @pytest.mark.parametrize("drive", [walk, triangle])
-@pytest.mark.parametrize("stiffer", [-0.2, -0.05, 0.0, 0.05, 0.1, 0.3])
+@pytest.mark.parametrize("stiffer", first_of(3, [-0.2, 0.0, 0.1, -0.05, 0.05, 0.3]))
 def test_a_first_rise_is_no_memory(drive, stiffer):
     before, after = rises(ridden(drive, stiffer=stiffer))
     assert before == after == [True, True]
