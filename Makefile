@@ -29,7 +29,7 @@ layers: $(INSTALLED)  ## who may import whom
 check: lint types layers test  ## everything that CI looks at, but the wheel
 
 wheel:  ## build the wheel, install it elsewhere, run it in an empty folder
-	PYTHON=$(PYTHON) tests/wheel/try_wheel.sh
+	PYTHON=$(PYTHON) tests/wheel/try_wheel.sh $(WHEEL)
 
 bench-figures: $(READY)  ## speed, as ratios to named references
 	$(BIN)/python -m benchmarks $(if $(PEER_PYTHON),--peer-python $(PEER_PYTHON))
@@ -44,7 +44,7 @@ $(READY): $(INSTALLED)
 	$(BIN)/python -m piezo_rig.warm_up
 	touch $@
 
-study: study-recordings study-thesis study-identification study-diagnosis study-kills study-endurance study-causes study-fuzz study-actuators study-compensation  ## everything that docs/ claims, measured again
+study: wheel study-recordings study-thesis study-identification study-diagnosis study-kills study-endurance study-causes study-fuzz study-actuators study-compensation  ## everything that docs/ claims, measured again
 
 study-identification: $(READY)  ## do the bands of an identification hold? docs/identification.md
 	$(BIN)/python -m piezo_rig.studies.identification

@@ -88,6 +88,7 @@ def test_where_much_else_is_amiss_causes_come_first():
     assert with_kinks(space, first) is None
 
 
+@pytest.mark.study
 def test_the_baseline_of_a_diagnosis_has_them():
     found = diagnose(sweeps(FEW, 0.03))
     assert found.findings == []

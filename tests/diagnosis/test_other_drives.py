@@ -135,6 +135,7 @@ def growing(seed, effect=None):
     return alone(drive, y + 2e-3 * rng.standard_normal(drive.size), RATE).with_(history="virgin")
 
 
+@pytest.mark.study
 def test_where_the_drive_only_grows_nothing_is_held_out_and_nothing_is_extrapolated():
     found = diagnose([growing(1)])
     assert found.findings == []

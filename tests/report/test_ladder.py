@@ -89,7 +89,7 @@ def drawn(monkeypatch, tmp_path):
     return draw
 
 
-@pytest.mark.parametrize("rungs", first_of(4, [1, 3, 6, 9, 2, 4, 5, 7, 8]))
+@pytest.mark.parametrize("rungs", first_of(4, [1, 2, 6, 9, 3, 4, 5, 7, 8]))
 def test_nothing_overlaps_and_nothing_leaves_the_figure(drawn, rungs):
     floor, detected = (2.9, None, 290.0)[rungs % 3], rungs % 2 == 1
     figure = drawn(diagnosis(CLIMB[: rungs - 1], floor, detected=detected))

