@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from piezo_rig.chain.half_loops import noise
 from piezo_rig.diagnosis.groups import Groups
 from piezo_rig.diagnosis.refit import Fitted
 from piezo_rig.errors import InputError
@@ -91,8 +91,10 @@ def _at_an_end(sweeps: Sequence[Sweep]) -> list[str]:
 
     Where all begin at one voltage it is a level above their zero, which is a cause to be found.
     """
-    out, noise_v = list[str](), [_noise(s.sensor_v) for s in sweeps]
+    out, noise_v = list[str](), [noise(s.sensor_v) for s in sweeps]
     near = AT_AN_END * float(np.median(noise_v)) if noise_v else 0.0
+    if near == 0.0:
+        return out
     for side, sign in (("highest", 1.0), ("lowest", -1.0)):
         end = max((float(np.max(sign * s.sensor_v)) for s in sweeps), default=0.0)
         standing, moved = list[Sweep](), 0.0
@@ -112,12 +114,6 @@ def _at_an_end(sweeps: Sequence[Sweep]) -> list[str]:
                 "is no displacement; set a wider range, or the sensor to zero, and record again"
             )
     return out
-
-
-def _noise(volts: NDArray[np.float64]) -> float:
-    """Standard deviation of a signal's noise, by how much it bends from sample to sample."""
-    bends = np.abs(np.diff(volts, 2))
-    return float(np.median(bends[bends > 0.0])) / 1.65 if np.any(bends > 0.0) else 0.0
 
 
 def baseline_warnings(groups: Groups, fitted: Fitted) -> list[str]:
