@@ -330,6 +330,7 @@ class FirstSpring(Cause):
     beside_one_curve: ClassVar[tuple[str, ...]] = ("offset",)
     scanned: ClassVar[tuple[str, float]] = SCANNED
     closings: ClassVar[tuple[float, ...]] = (0.0,)
+    like_speed: ClassVar[bool] = False  # whether what it follows grows with how fast half loops are
     leaves: ClassVar[float] = 0.5  # as the law fades out so does an actuator, but for its shape
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {"reach": (1e-6, np.inf)}
 
@@ -356,6 +357,11 @@ class FirstSpring(Cause):
             return []
         carries = "carries" in self.parameters and self["carries"] > 0
         return [self.with_values(carries=float(not carries), closing=0.0)]
+
+    @classmethod
+    def at_its_size(cls, travel_um: float, mean_v: float) -> list[Stage]:
+        """Begins of a large one, about the mean of what it follows."""
+        return []
 
     @classmethod
     def closings_in(cls, context: Context) -> tuple[float, ...]:

@@ -35,6 +35,7 @@ from piezo_rig.diagnosis.refusals import (
     BESIDE,
     CAME_TO_NOTHING,
     OF_THE_MISFIT,
+    SAYS_NO_MORE,
     carrying,
     of_a_corner,
     of_a_law,
@@ -306,11 +307,13 @@ class Search:
             id = result.ids[one[1]]
             return one[0] * (1.0 if of_base(id) or CAUSES[id].has_elements else OF_A_BEND)
 
+        for worth, i, _ in refits:
+            if worth <= 0.0 and of_base(result.ids[i]):  # slow to refit, and what is rarely needed
+                self.bar(result.ids[i], here, SAYS_NO_MORE, MUCH_NEARER)
         for worth, i, fitted in sorted(carrying(self, refits), key=likely, reverse=True):
             id = result.ids[i]
             if worth <= 0.0:
-                why = "once refitted it says no more than the model without it"
-                self.bar(id, here, why, MUCH_NEARER)
+                self.bar(id, here, SAYS_NO_MORE, MUCH_NEARER)
                 self.spoiled[id] = Step(id, float(family[i]), fitted)  # alone, that is
                 continue
             if fitted.evidence - here.evidence > LARGE:

@@ -17,7 +17,7 @@ from piezo_rig.diagnosis.ladder import Step
 from piezo_rig.diagnosis.needed import worth_needed
 from piezo_rig.diagnosis.own_laws import also
 from piezo_rig.diagnosis.refit import Fitted, refit, settle
-from piezo_rig.diagnosis.refusals import worse
+from piezo_rig.diagnosis.refusals import CAME_TO_NOTHING, SAYS_NO_MORE, worse
 from piezo_rig.diagnosis.scan import LATER, FloatArray, Scan, by_speed, has_reach, of_base, scan
 from piezo_rig.diagnosis.spare import NEEDED, far_off
 
@@ -74,11 +74,15 @@ def detour(search: Search) -> bool:
             continue
         taken += 1
         search.tell(f"detour around {member}")
+        bends = {id: why for id, why in search.barred.items()
+                 if of_base(id) and id in search.refused_at
+                 and why in (SAYS_NO_MORE, CAME_TO_NOTHING)}  # fmt: skip
         other = replace(
             search,
             steps=[replace(s, fitted=less) for s in search.steps if s.cause != member],
-            scans=[], barred={member: "without it a better model was found"}, refused_at={},
-            spoiled={}, rearranged=True, aside=True, most=min(search.most, len(search.causes) + 1),
+            scans=[], barred={member: "without it a better model was found"} | bends,
+            refused_at={id: search.refused_at[id] for id in bends}, spoiled={}, rearranged=True,
+            aside=True, most=min(search.most, len(search.causes) + 1),
             goal=_worth(search) - NEEDED,
         )  # fmt: skip
         other.forward()

@@ -30,6 +30,7 @@ OF_A_CORNER = "at one speed it shows just after corners alone, and explains litt
 # log-likelihood that makes up for more
 MOST_OF_IT, PLAIN_AT_CORNERS = 0.5, 25.0
 BESIDE = "not needed beside "  # and the name of another
+SAYS_NO_MORE = "once refitted it says no more than the model without it"
 CAME_TO_NOTHING = "once refitted it came out at a limit, or no different from nothing"
 OF_THE_MISFIT = (
     "fits, but predicts data that it has not seen no better, while the model is still far off"

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from piezo_rig.causes import CAUSES
-from piezo_rig.causes.cause import Cause
+from piezo_rig.causes.cause import Cause, FirstSpring
 from piezo_rig.chain import Model, Stage
 from piezo_rig.diagnosis import dictionary
 from piezo_rig.diagnosis.context import context_of
@@ -117,12 +117,17 @@ class Scan:
 
     def of_their_kind(self, good: NDArray[np.int64], chance: FloatArray) -> FloatArray:
         """Chances, those of causes that cut off tips the least of them: any of them says that there
-        is one, and which it is is for their refits to say. Shape (c,), as that of ``chance``.
+        is one, and which it is is for their refits to say. So with what follows the range, where
+        something goes by speed. Shape (c,), as that of ``chance``.
         """
         flat = [i for i, id in enumerate(self.ids) if cuts_off(id)]
-        out = chance.copy()
-        if set(flat) & set(good.tolist()):
+        out, found = chance.copy(), set(good.tolist())
+        if set(flat) & found:
             out[flat] = chance[flat].min()
+        fast = [i for i, id in enumerate(self.ids) if by_speed(id) and i in found]
+        if fast:
+            like = [i for i, id in enumerate(self.ids) if like_speed(id)]
+            out[like] = np.minimum(out[like], chance[fast].min())
         return out
 
 
@@ -148,6 +153,12 @@ def by_speed(id: str) -> bool:
     """Whether a cause is told from the model's own loops by speed, or just after corners alone."""
     kind = CAUSES[id]
     return issubclass(kind, Cause) and kind.of_speed
+
+
+def like_speed(id: str) -> bool:
+    """Whether it follows what grows with how fast half loops are."""
+    kind = CAUSES[id]
+    return issubclass(kind, FirstSpring) and kind.like_speed
 
 
 def candidates(space: Space, model: Model) -> tuple[list[Candidate], dict[str, str]]:

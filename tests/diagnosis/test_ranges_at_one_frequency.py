@@ -1,0 +1,58 @@
+"""Where all triangles have one frequency, half loops that go further are faster.
+
+A first spring that follows the range then looks like a loop that opens with speed. Which of the two
+it is shows over the first volts after every turn.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from piezo_rig.diagnosis import diagnose
+from piezo_rig.run_file import Sweep
+from tests.more import first_of
+
+RATE, HZ, CYCLES, REPEATS = 2000.0, 2.0, 4, 3
+UP_TO_V = (10, 20, 30, 40, 50, 60, 75)
+VOLTS, MEAN_V = 2.5, 35.0  # after a turn, over which the spring holds; of the ranges
+NOISE_UM, GOES_ON = 4e-3, 0.9  # of one sample; of the noise, from one to the next
+
+
+def branch(volts):
+    """Displacement of a half loop after a turn, um: a body whose loops are those of a power law."""
+    return 0.093 * volts + 0.00616 * volts**1.5
+
+
+def sweeps(um_per_v, seed):
+    """Loops from 0 V that were played before; each half loop lags behind the range before it."""
+    rng, out = np.random.default_rng(seed), []
+    half = round(RATE / HZ / 2)
+    for repeat in range(1, REPEATS + 1):
+        for high in UP_TO_V:
+            gone = high * np.arange(half) / half
+            lag = um_per_v * (high - MEAN_V) * np.minimum(gone / VOLTS, 1.0)
+            full = um_per_v * (high - MEAN_V)
+            up = branch(gone) - lag
+            down = branch(high) - full - (branch(gone) - lag)
+            drive = np.tile(np.concatenate([gone, high - gone]), CYCLES)
+            white = rng.standard_normal(drive.size + 200) * np.sqrt(1.0 - GOES_ON**2)
+            noise = lfilter([1.0], [1.0, -GOES_ON], white)[200:]
+            x = np.tile(np.concatenate([up, down]), CYCLES) + NOISE_UM * noise
+            out.append(Sweep(
+                f"sweep_{len(out) + 1:04d}", drive, x, RATE, 1.0, 0.0, 1.0, 1, 0.0, f"0-{high}",
+                repeat, "unknown", 60.0 * len(out), "IMPORTED",
+            ))  # fmt: skip
+    return out
+
+
+@pytest.mark.parametrize(("um_per_v", "seed"), first_of(1, [(1e-3, 1), (6e-4, 3)]))
+def test_a_steep_spring_that_follows_the_range_is_no_speed(um_per_v, seed):
+    found = diagnose(sweeps(um_per_v, seed))
+    (own,) = found.findings
+    assert own.cause == "range-dependence"
+    # the stiffer a spring, the further its half loop lags
+    assert np.sign(own.parameters["slope"].value) == np.sign(um_per_v)
+    assert own.p_value < 1e-6
+    assert own.gain_percent > 5.0
