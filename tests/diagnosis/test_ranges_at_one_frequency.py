@@ -11,6 +11,7 @@ import pytest
 from scipy.signal import lfilter
 
 from piezo_rig.diagnosis import diagnose
+from piezo_rig.diagnosis.scan import Scan
 from piezo_rig.run_file import Sweep
 from tests.more import first_of
 
@@ -56,3 +57,12 @@ def test_a_steep_spring_that_follows_the_range_is_no_speed(um_per_v, seed):
     assert np.sign(own.parameters["slope"].value) == np.sign(um_per_v)
     assert own.p_value < 1e-6
     assert own.gain_percent > 5.0
+
+
+def test_its_chance_is_that_of_what_goes_by_speed():
+    ids = ("creep", "rate-dependence", "range-dependence", "extremum-dependence")
+    said = np.array([0.0, 60.0, 8.0, 8.0])
+    found = Scan(ids, said, np.array([0.3, 1e-9, 0.2, 0.4]), said, 0.0 * said, {})
+    fast, none = np.array([1]), np.array([], dtype=np.int64)
+    assert found.of_their_kind(fast, found.p_family).tolist() == [0.3, 1e-9, 1e-9, 0.4]
+    assert found.of_their_kind(none, found.p_family).tolist() == found.p_family.tolist()
