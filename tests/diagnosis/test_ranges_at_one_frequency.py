@@ -48,7 +48,13 @@ def sweeps(um_per_v, seed):
     return out
 
 
-@pytest.mark.parametrize(("um_per_v", "seed"), first_of(1, [(1e-3, 1), (6e-4, 3)]))
+NOTHING_NAMED = pytest.mark.xfail(strict=True, reason="nothing is named: docs/other-benches.md, 34")
+SOFTER = pytest.param(-6e-4, 2, marks=[pytest.mark.study, NOTHING_NAMED])
+
+
+@pytest.mark.parametrize(
+    ("um_per_v", "seed"), [*first_of(1, [(1e-3, 1), (6e-4, 3)]), SOFTER]
+)
 def test_a_steep_spring_that_follows_the_range_is_no_speed(um_per_v, seed):
     found = diagnose(sweeps(um_per_v, seed))
     (own,) = found.findings
