@@ -18,6 +18,7 @@ from piezo_rig.chain.stage import Parameter, Stage
 from piezo_rig.errors import InputError
 
 SCHEMA = "piezo-rig/model/1"
+OFF_BY = ("rms_nm", "within_nm")  # in a provenance: how far off this fit was, not the others
 LARGEST = 50_000_000  # bytes; a model of a thousand elements has a hundred thousand
 
 
@@ -95,14 +96,18 @@ def read_model(path: str | Path, stages: Mapping[str, type[Stage]]) -> Model:
 
 
 def bent_model(model: Model, stages: Mapping[str, type[Stage]]) -> Model | None:
-    """The same fit beside a bend, if the model's provenance has it; InputError if damaged."""
+    """The fit beside a bend, if the model's provenance has it; InputError if damaged.
+
+    It is as far off as itself was where it was identified, not as the fit without the bend.
+    """
     said = model.provenance.get("bent")
     if said is None:
         return None
     listed = said.get("stages") if isinstance(said, dict) else None
     if not isinstance(listed, list) or not _number(said.get("rms_nm")):
         raise InputError("model-stage", "the fit with a bend in its provenance is damaged")
-    own = model.provenance | {"rms_nm": said["rms_nm"]}
+    own = {k: v for k, v in model.provenance.items() if k not in OFF_BY}
+    own |= {k: said[k] for k in OFF_BY if _number(said.get(k))}
     bent = Model(tuple(_stage(s, stages) for s in listed), own, model.name)
     bent.check()
     return bent
