@@ -18,17 +18,19 @@ from piezo_rig.causes import CAUSES
 from piezo_rig.causes.cause import Cause
 from piezo_rig.diagnosis.bends import BEND, bend, with_own_bend
 from piezo_rig.diagnosis.confusion import APART
-from piezo_rig.diagnosis.detours import ONE_MORE, around, together
+from piezo_rig.diagnosis.detours import around, together
 from piezo_rig.diagnosis.fit import Point
 from piezo_rig.diagnosis.foretold import foretold, in_a_better_form
 from piezo_rig.diagnosis.forms import converged, in_another_form, reached, summit
+from piezo_rig.diagnosis.grown import FAR_BEHIND, Tried
+from piezo_rig.diagnosis.in_doubt import explained
 from piezo_rig.diagnosis.ladder import Ladder, Step
 from piezo_rig.diagnosis.late import both, note_the_other, rather_the_other
 from piezo_rig.diagnosis.likelihood import Likelihood
 from piezo_rig.diagnosis.own_laws import also, loosen, rather
 from piezo_rig.diagnosis.patience import Patience
 from piezo_rig.diagnosis.put_in import LARGE
-from piezo_rig.diagnosis.race import FAR_BEHIND, Tried, raced, tried
+from piezo_rig.diagnosis.race import raced
 from piezo_rig.diagnosis.reduction import reduce
 from piezo_rig.diagnosis.refit import Fitted, refit, settle
 from piezo_rig.diagnosis.refusals import (
@@ -41,12 +43,11 @@ from piezo_rig.diagnosis.refusals import (
     of_a_law,
     worse,
 )
-from piezo_rig.diagnosis.scan import LATER, LEVEL, RUN_OFF, Found, Scan, has_reach, of_base, scan
+from piezo_rig.diagnosis.scan import LATER, LEVEL, Found, Scan, has_reach, of_base, scan
 from piezo_rig.diagnosis.scores import score_generic
 from piezo_rig.diagnosis.shapes import in_another_shape
 from piezo_rig.diagnosis.space import Space
 from piezo_rig.diagnosis.spare import (
-    AMISS,
     NEEDED,
     clear,
     faint,
@@ -75,7 +76,6 @@ OF_ANOTHERS = 0.5  # log-likelihood of a rival beside the member that was taken,
 MASKED = 0.5  # worth of a cause, of that of one which was refused for what it predicts
 HOPE = 1.5  # times what the last step of a climb gained that each further one may gain
 PAIR = 2  # causes, each gaining as much as the best by a linear look, that may do for a detour
-MUCH_OF_IT = 0.7  # squared error beyond the noise, of that before, with what explains much of it
 Tell = Callable[[str], None]
 
 
@@ -194,11 +194,14 @@ class Search:
         """Log-likelihood of what is left that nobody has a name for, of a model or the latest;
         0 where that may be chance.
         """
-        point = (self.fitted if fitted is None else fitted).point
-        settle(self.space, point)
-        reduced = reduce(self.space.linear(point), every=True)
-        ratio, chance = score_generic(Likelihood(reduced), self.rng, LEVEL)
+        ratio, chance = self.rest(self.fitted if fitted is None else fitted)
         return ratio if chance < LEVEL else 0.0
+
+    def rest(self, fitted: Fitted) -> tuple[float, float]:
+        """Log-likelihood of what a model leaves, and the chance that nothing is left."""
+        settle(self.space, fitted.point)
+        reduced = reduce(self.space.linear(fitted.point), every=True)
+        return score_generic(Likelihood(reduced), self.rng, LEVEL)
 
     def forward(self) -> None:
         """Take in what the data ask for, one after the other."""
@@ -243,12 +246,13 @@ class Search:
                 continue
             if self.patience.lost:
                 return
-            if not self.left_over():
+            _, chance = self.rest(here)
+            if chance >= LEVEL:
                 if also(self, here, 0.0):  # a number more, which the dictionary does not hold
                     continue
                 return
             if not (self.let_go(here, 0.0) or together(self, here)
-                    or self.explained(here, found, family)):  # fmt: skip
+                    or explained(self, here, found, family, chance)):  # fmt: skip
                 return
 
     def without_others_names(self, result: Scan) -> None:
@@ -264,28 +268,6 @@ class Search:
             if asked.get(id, 0.0) < OF_ANOTHERS * gained
         }  # fmt: skip
         self.steps[-1] = replace(newest, rivals=rivals)
-
-    def explained(self, here: Fitted, found: Found, family: FloatArray) -> bool:
-        """Take in what a linear look leaves in doubt, where that explains much of what is amiss.
-
-        Much of an effect looks like what the laws of others may be wrong by. What the next
-        recording is predicted better by is no such thing.
-        """
-        amiss = self.error(0, here) ** 2 - self.noise_nm**2
-        if amiss < (AMISS * self.noise_nm) ** 2 or self.level < 1.0:
-            return False
-        good = np.flatnonzero(family < LEVEL)
-        likeliest = good[np.argsort(-found.result.excess[good])][:RUN_OFF]
-        for worth, i, fitted in sorted(tried(self, here, found, likeliest), key=lambda t: -t[0]):
-            left = self.error(0, fitted) ** 2 - self.noise_nm**2
-            id = found.result.ids[i]
-            if worth > ONE_MORE and left < MUCH_OF_IT * amiss and (
-                worse(self, fitted, here) is None and of_a_law(self, fitted, id, here) is None
-            ):  # fmt: skip
-                self.accept(Step(id, float(family[i]), fitted))
-                self.tidy()
-                return True
-        return False
 
     def let_go(self, here: Fitted, best: float) -> bool:
         """Let a member do more than it was taken in for, where that gains more than ``best``."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -11,25 +10,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from piezo_rig.causes import CAUSES
-from piezo_rig.causes.cause import Cause, FirstSpring
+from piezo_rig.causes.cause import Cause
 from piezo_rig.diagnosis.abreast import abreast
 from piezo_rig.diagnosis.bends import BEND
-from piezo_rig.diagnosis.fit import Point
-from piezo_rig.diagnosis.forms import CARRIES, carries, reached
-from piezo_rig.diagnosis.needed import at_a_limit, worth_needed
-from piezo_rig.diagnosis.put_in import LARGE, all_free, plainer, refitted
-from piezo_rig.diagnosis.refit import Fitted, refit
+from piezo_rig.diagnosis.grown import FAR_BEHIND, Tried, grown
+from piezo_rig.diagnosis.needed import at_a_limit
+from piezo_rig.diagnosis.put_in import plainer, refitted
+from piezo_rig.diagnosis.refit import Fitted
 from piezo_rig.diagnosis.refusals import FAR_OFF, MUCH
 from piezo_rig.diagnosis.scan import Form, Found, Scan, by_speed, has_reach, of_base
-from piezo_rig.diagnosis.space import Space
-from piezo_rig.errors import InputError
+from piezo_rig.diagnosis.steep import begun_steep
 
 if TYPE_CHECKING:
     from piezo_rig.diagnosis.climb import Search
 
-FAR_BEHIND = 0.5  # of the best refit's gain: below it a rival's reach is not looked for
 OF_ANOTHER = 1.0  # log-likelihood by a linear look, up to which no other kind of bend is tried
-Tried = tuple[float, int, Fitted]  # what a cause is worth once refitted, its number, the refit
 
 
 def raced(
@@ -52,7 +47,8 @@ def raced(
     out = tried(search, here, found, close)
     out += tried(search, here, found, _as_fast(here, result, good, out), out)
     out += tried(search, here, found, result.as_flat(good), out)
-    out += _as_far(search, here, found, out)
+    steep = begun_steep(search, here, found, out)
+    out = [t for t in out if t[1] not in [i for _, i, _ in steep]] + steep
     bends = [i for i, id in enumerate(result.ids) if of_base(id) and i not in close]
     # what a bend of another kind leaves looks like a law, or an asymmetry
     bent = here.point.model.stage(BEND) is not None and (
@@ -99,10 +95,10 @@ def tried(
     known = [part for _, f in begun for part in f.parts]
     # laws first: their forms are many
     begun.sort(key=lambda b: not has_reach(result.ids[b[0]]))
-    grow = [partial(_grown, search, here, found, i, f, most) for i, f in begun]
-    grown = abreast(search.space, grow, [*here.parts, *known])
+    grow = [partial(grown, search, here, found, i, f, most) for i, f in begun]
+    ends = abreast(search.space, grow, [*here.parts, *known])
     out: list[Tried] = []
-    for (i, _), (worth, fitted, error) in zip(begun, grown, strict=True):
+    for (i, _), (worth, fitted, error) in zip(begun, ends, strict=True):
         id = result.ids[i]
         if at_a_limit(fitted.point, id, getattr(CAUSES[id], "scanned", ("",))[0]):
             search.came_to_nothing(id, here)
@@ -128,74 +124,12 @@ def _as_fast(
     return result.alike(good) if near else []
 
 
-def _as_far(
-    search: Search, here: Fitted, found: Found, fits: Sequence[Tried]
-) -> list[Tried]:
-    """A spring that follows the range, begun at its size, where what goes by speed was refitted.
-
-    Half loops that go further are faster, and open further. What a large one does on the average
-    the elements have gone after, of what is left a linear look makes little, and no descent leads
-    there from a small slope.
-    """
-    ids, space = found.result.ids, search.space
-    if here.point.fixed or not any(worth > 0.0 and by_speed(ids[i]) for worth, i, _ in fits):
-        return []
-    out: list[Tried] = []
-    for i, id in enumerate(ids):
-        kind = CAUSES[id]
-        if not (issubclass(kind, FirstSpring) and kind.like_speed) or i in [j for _, j, _ in fits]:
-            continue
-        search.tell(f"refit with {id}, begun steep")
-        search.patience.spend(1)
-        followed = np.concatenate([kind.history(g.loops) for g in space.groups.groups])
-        mean_v = float(followed.mean()) if followed.size else 0.0
-        points = [all_free(replace(here.point, model=here.point.model.with_stage(s)), s)
-                  for s in kind.at_its_size(space.groups.travel_um, mean_v)]  # fmt: skip
-        ends = abreast(space, [partial(_from_least_squares, space, p) for p in points], here.parts)
-        best = max((f for f in ends if f is not None), key=lambda f: f.evidence, default=None)
-        if best is None or best.evidence <= here.evidence:
-            continue
-        most = max(f.evidence for _, _, f in fits) - here.evidence
-        worth, fitted, error = _grown(search, here, found, i, best, most)
-        if worth <= 0.0 or at_a_limit(fitted.point, id, kind.scanned[0]):
-            continue
-        out.append((worth, i, fitted))
-        if error is not None:
-            search.keep_error(fitted, error)
-    return out
-
-
-def _from_least_squares(space: Space, point: Point) -> Fitted | None:
-    """Refitted from where plain least squares ends: what else may be amiss takes in a part of a
-    large effect, and holds it back.
-    """
-    try:
-        return refit(space, refit(space, point, held=True, plain=True).point, held=True)
-    except (InputError, np.linalg.LinAlgError):
-        return None
-
-
 def _still_far_off(search: Search, here: Fitted, tried: Sequence[Fitted]) -> bool:
     """Whether a model is far off, and none of its extensions brings it much nearer."""
     error = search.error(0, here)
     if error < FAR_OFF * search.noise_nm or here.point.fixed:
         return False
     return min((search.error(0, fitted) for fitted in tried), default=error) > MUCH * error
-
-
-def _grown(
-    search: Search, here: Fitted, found: Found, i: int, fitted: Fitted, most: float
-) -> tuple[float, Fitted, float | None]:
-    """A refit at its best reach; what it is worth, and its held-out error if that matters."""
-    id = found.result.ids[i]
-    # a law that is steep may be far behind until it is begun so
-    steep = most < LARGE and issubclass(CAUSES[id], FirstSpring)
-    if steep or fitted.evidence - here.evidence >= FAR_BEHIND * most:
-        fitted = reached(search.space, fitted, id, here)
-    chance = 2.0 * found.result.null_median[i] + worth_needed(fitted, id)
-    chance += CARRIES * carries(fitted, id)
-    worth = float(fitted.evidence - here.evidence - chance)
-    return worth, fitted, search.error(0, fitted) if worth > 0.0 else None
 
 
 def _slow(id: str) -> bool:

@@ -56,7 +56,7 @@ def test_which_of_two_forms_it_is_what_was_held_out_says(
     monkeypatch.setattr(race, "refitted", lambda space, here, found, i, form: (
         fits["settling" if form is None else "steady"]
     ))  # fmt: skip
-    monkeypatch.setattr(race, "_grown", lambda search, here, found, i, fitted, most: (
+    monkeypatch.setattr(race, "grown", lambda search, here, found, i, fitted, most: (
         fitted.evidence, fitted, None
     ))  # fmt: skip
     search = SimpleNamespace(

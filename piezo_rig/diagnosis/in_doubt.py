@@ -1,0 +1,68 @@
+"""What a linear look leaves in doubt, taken in where it explains much of what is amiss."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from piezo_rig.diagnosis.detours import ONE_MORE
+from piezo_rig.diagnosis.grown import Tried
+from piezo_rig.diagnosis.ladder import Step
+from piezo_rig.diagnosis.race import tried
+from piezo_rig.diagnosis.refit import Fitted
+from piezo_rig.diagnosis.refusals import of_a_law, worse
+from piezo_rig.diagnosis.scan import LEVEL, RUN_OFF, Found
+from piezo_rig.diagnosis.spare import AMISS
+from piezo_rig.diagnosis.steep import begun_steep
+
+if TYPE_CHECKING:
+    from piezo_rig.diagnosis.climb import Search
+
+FloatArray = NDArray[np.float64]
+MUCH_OF_IT = 0.7  # squared error beyond the noise, of that before, with what explains much of it
+
+
+def explained(
+    search: Search, here: Fitted, found: Found, family: FloatArray, of_the_rest: float
+) -> bool:
+    """Take in what explains much of what is amiss, although a look at it does not ask for it.
+
+    Much of an effect looks like what the laws of others may be wrong by, and a large spring that
+    follows the range like nothing that a small one does. What the next recording is predicted
+    better by is neither.
+
+    Parameters
+    ----------
+    family : chances of a false alarm of what was looked at, shape (c,)
+    of_the_rest : chance that nothing is left
+    """
+    if search.error(0, here) ** 2 - search.noise_nm**2 < (AMISS * search.noise_nm) ** 2:
+        return False
+    if search.level < 1.0:
+        return False
+    good = np.flatnonzero(family < LEVEL)
+    likeliest = good[np.argsort(-found.result.excess[good])][:RUN_OFF]
+    fits = tried(search, here, found, likeliest)
+    if _taken(search, here, found, fits, family):
+        return True
+    steep = begun_steep(search, here, found, fits)
+    return _taken(search, here, found, steep, np.minimum(family, of_the_rest))
+
+
+def _taken(
+    search: Search, here: Fitted, found: Found, fits: list[Tried], chance: FloatArray
+) -> bool:
+    """Take in the first of them, by what they are worth, that explains much and is no law's."""
+    amiss = search.error(0, here) ** 2 - search.noise_nm**2
+    for worth, i, fitted in sorted(fits, key=lambda t: -t[0]):
+        left = search.error(0, fitted) ** 2 - search.noise_nm**2
+        id = found.result.ids[i]
+        if worth > ONE_MORE and left < MUCH_OF_IT * amiss and (
+            worse(search, fitted, here) is None and of_a_law(search, fitted, id, here) is None
+        ):  # fmt: skip
+            search.accept(Step(id, float(chance[i]), fitted))
+            search.tidy()
+            return True
+    return False

@@ -1,0 +1,113 @@
+"""A first spring that follows the range, begun at its size.
+
+Half loops that go further are faster, open further, and end where a bend would bring them. What a
+large spring does on the average the elements have gone after; of what is left a linear look makes
+little, or a bend of the base, or what goes by speed, and no descent leads there from a small slope.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import partial
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from piezo_rig.causes import CAUSES
+from piezo_rig.causes.cause import FirstSpring
+from piezo_rig.diagnosis.abreast import abreast
+from piezo_rig.diagnosis.fit import Point
+from piezo_rig.diagnosis.grown import Tried, grown
+from piezo_rig.diagnosis.needed import at_a_limit
+from piezo_rig.diagnosis.put_in import all_free
+from piezo_rig.diagnosis.refit import Fitted, refit
+from piezo_rig.diagnosis.scan import Found, by_speed
+from piezo_rig.diagnosis.space import Space
+from piezo_rig.diagnosis.spare import AMISS
+from piezo_rig.errors import InputError
+
+if TYPE_CHECKING:
+    from piezo_rig.diagnosis.climb import Search
+
+STEEP = "steep "  # and a cause: the held-out error at which it was begun so
+NEARER = 0.9  # of that, from which on it is begun once more
+
+
+def begun_steep(
+    search: Search, here: Fitted, found: Found, fits: Sequence[Tried]
+) -> list[Tried]:
+    """Springs that follow the range from their size, where something goes by speed or the best of
+    what was refitted leaves something amiss; without those that are worth nothing, or that say
+    less than they did from a small slope.
+
+    Parameters
+    ----------
+    here : the model without them
+    fits : what was refitted so far
+    """
+    ids, so_far = found.result.ids, {i: fitted for _, i, fitted in fits}
+    if here.point.fixed:
+        return []
+    out: list[Tried] = []
+    for i, id in enumerate(ids):
+        kind = CAUSES[id]
+        if not (issubclass(kind, FirstSpring) and kind.like_speed):
+            continue
+        if not _asked_for(search, here, ids, i, fits):
+            continue
+        search.tell(f"refit with {id}, begun steep")
+        search.patience.spend(1)
+        best = _best(search.space, here, kind)
+        if best is None or best.evidence <= so_far.get(i, here).evidence:
+            continue
+        most = max((f.evidence for f in so_far.values()), default=here.evidence) - here.evidence
+        worth, fitted, error = grown(search, here, found, i, best, most)
+        if worth <= 0.0 or at_a_limit(fitted.point, id, kind.scanned[0]):
+            continue
+        out.append((worth, i, fitted))
+        if error is not None:
+            search.keep_error(fitted, error)
+    return out
+
+
+def _asked_for(
+    search: Search, here: Fitted, ids: Sequence[str], own: int, fits: Sequence[Tried]
+) -> bool:
+    """Whether a spring may be what others stand in for, and was not begun so as far off as this."""
+    others = [(search.error(0, f), ids[i]) for worth, i, f in fits if worth > 0.0 and i != own]
+    beside = [search.error(0, f) for _, i, f in fits if i == own]
+    fast = [error for error, id in others if by_speed(id)]
+    if beside and (not others or min(beside) <= min(error for error, _ in others)):
+        return False
+    error = search.error(0, here)
+    least = min([error, *(error for error, _ in others)])
+    if not fast and least <= np.hypot(1.0, AMISS) * search.noise_nm:
+        return False
+    if error > NEARER * search.looked_at.get(STEEP + ids[own], np.inf):
+        return False
+    search.looked_at[STEEP + ids[own]] = error
+    return True
+
+
+def _best(space: Space, here: Fitted, kind: type[FirstSpring]) -> Fitted | None:
+    """The likeliest end of all its begins."""
+    followed = np.concatenate([kind.history(g.loops) for g in space.groups.groups])
+    mean_v = float(followed.mean()) if followed.size else 0.0
+    points = [
+        all_free(replace(here.point, model=here.point.model.with_stage(stage)), stage)
+        for stage in kind.at_its_size(space.groups.travel_um, mean_v)
+    ]
+    ends = abreast(space, [partial(_from_least_squares, space, p) for p in points], here.parts)
+    return max((f for f in ends if f is not None), key=lambda f: f.evidence, default=None)
+
+
+def _from_least_squares(space: Space, point: Point) -> Fitted | None:
+    """Refitted from where plain least squares ends, or that place where it is likelier: what else
+    may be amiss takes in a part of a large effect, and holds it back.
+    """
+    try:
+        plain = refit(space, point, held=True, plain=True)
+        return max(plain, refit(space, plain.point, held=True), key=lambda f: f.evidence)
+    except (InputError, np.linalg.LinAlgError):
+        return None
