@@ -307,3 +307,13 @@ def test_a_table_without_known_names_is_told_which_to_write(
         read(tmp_path / "a.csv")
     assert cause in caught.value.cause
     assert "time_s,drive_v,displacement_um" in caught.value.remedy
+
+
+@pytest.mark.parametrize(("step_s", "said"), [(1.0, True), (0.5, True), (0.001, False)])
+def test_times_that_may_be_milliseconds_are_doubted(tmp_path: Path, step_s, said) -> None:
+    volts = np.abs((np.arange(2001) % 1000) - 500.0) / 10.0
+    time = 3.0 + step_s * np.arange(volts.size)
+    path = write(tmp_path / "loop.csv", csv_text(DRIVE, [time, volts, 0.1 * volts]))
+    imported = read(path)
+    assert imported.sweeps[0].sample_rate == 1.0 / step_s  # taken as it says
+    assert any("milliseconds" in w for w in imported.warnings) == said

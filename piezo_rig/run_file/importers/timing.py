@@ -17,6 +17,9 @@ from piezo_rig.run_file.sweep import FloatArray
 EVEN_WITHIN = 0.02
 """Sampling is even when no sample is further from its place than this part of a step."""
 
+_SLOW_HZ, _LONG_S = 5.0, 600.0
+"""A stack is hardly ever watched with fewer samples a second than this, for longer than that."""
+
 _GAP_STEPS = 1.5
 _NAMED_GAPS = 3
 
@@ -57,6 +60,18 @@ def timing_of(times: FloatArray, declared_step_s: float | None, place: str) -> T
     ------
     InputError : a span or a step that is no sampling at all (absurd steps)
     """
+    timing = _timing(times, declared_step_s, place)
+    span = float(times[-1] - times[0])
+    if timing.sample_rate <= _SLOW_HZ and span >= _LONG_S:
+        timing.warnings.append(
+            f"{timing.sample_rate:.4g} samples a second over {span:.5g} s, slower than a stack is "
+            "usually watched: if its times are milliseconds, divide them by 1000, or everything "
+            "that goes by time is wrong"
+        )
+    return timing
+
+
+def _timing(times: FloatArray, declared_step_s: float | None, place: str) -> Timing:
     elapsed = times - times[0]
     steps = np.diff(elapsed)
     step = float(np.median(steps))
