@@ -302,6 +302,8 @@ REACHING: Mapping[str, str] = {"reach": "um", "closing": "1", "taper": "1"}
 GIVEN = ("closing", "taper")
 TAPERS = (0.0, 1.0)  # how a law ends: all at once; little by little
 FINER = np.linspace(-6.0, 6.0, 13)  # steps over the parameter that a cause wants scanned
+STEEP = 0.2  # of the mean spring constant, by the whole range of the drive: begins of a large law
+REACHED = (0.014, 0.02, 0.03, 0.04)  # of the travel
 SCANNED = ("reach", 2.0**0.125)
 APART, LONGEST = 1.5, 0.05  # of delays that are tried; the longest, of the time of a half loop
 
@@ -360,8 +362,16 @@ class FirstSpring(Cause):
 
     @classmethod
     def at_its_size(cls, travel_um: float, mean_v: float) -> list[Stage]:
-        """Begins of a large one, about the mean of what it follows."""
-        return []
+        """Begins of a large one, about the mean of what it follows, up to some shorter reaches.
+
+        Least squares goes from there to either sign.
+        """
+        slope = STEEP / travel_um
+        return [
+            cls.of(None, slope=slope, offset=-slope * mean_v, reach=share * travel_um,
+                   closing=0.0, taper=0.0)
+            for share in REACHED
+        ]  # fmt: skip
 
     @classmethod
     def closings_in(cls, context: Context) -> tuple[float, ...]:

@@ -33,10 +33,6 @@ from typing import ClassVar
 from piezo_rig.causes.cause import GIVEN, REACHING, Context, FirstSpring
 from piezo_rig.chain.branches import Branches, FloatArray
 from piezo_rig.chain.half_loops import HalfLoops
-from piezo_rig.chain.stage import Stage
-
-STEEP = 0.2  # of the mean spring constant, by the whole range of the drive
-REACHED = (0.014, 0.02, 0.03, 0.04)  # of the travel
 
 
 class RangeDependence(FirstSpring):
@@ -60,19 +56,6 @@ class RangeDependence(FirstSpring):
     def shape(self, branches: Branches) -> Branches:
         keeps = self.parameters["ties"].value > 0 if "ties" in self.parameters else False
         return replace(super().shape(branches), keeps_ties=keeps)
-
-    @classmethod
-    def at_its_size(cls, travel_um: float, mean_v: float) -> list[Stage]:
-        """Begins of a large one, about the mean of what it follows, up to some shorter reaches.
-
-        Least squares goes from there to either sign.
-        """
-        slope = STEEP / travel_um
-        return [
-            cls.of(None, slope=slope, offset=-slope * mean_v, reach=share * travel_um,
-                   closing=0.0, taper=0.0)
-            for share in REACHED
-        ]  # fmt: skip
 
     @classmethod
     def closings_in(cls, context: Context) -> tuple[float, ...]:

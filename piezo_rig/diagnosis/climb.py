@@ -174,6 +174,7 @@ class Search:
     stop: Callable[[Fitted], bool] = lambda fitted: False
     stopped: bool = False
     rather: list[int] = field(default_factory=list)  # what says more than a bend in this scan
+    steep: list[int] = field(default_factory=list)  # what was begun at its size in this scan
     rivals: list[Fitted] = field(default_factory=list)  # refits that the newest member was one of
     patience: Patience = field(default_factory=Patience)
 
@@ -217,7 +218,7 @@ class Search:
             self.tell(f"scan {len(self.scans) + 1}")
             settle(self.space, here.point)
             found = scan(self.space, here, self.rng, self.barred)
-            self.rather = []
+            self.rather, self.steep = [], []
             result = found.result
             self.scans.append(result)
             self.without_others_names(result)
@@ -284,6 +285,8 @@ class Search:
         result = found.result
         family = result.of_their_kind(good, family)
         refits, any_close = raced(self, here, found, good)
+        # that something is there is what was found; which of them it is the refits say
+        family[self.steep] = np.minimum(family[self.steep], family[good].min())
 
         def likely(one: Tried) -> float:
             id = result.ids[one[1]]
@@ -319,7 +322,7 @@ class Search:
             rivals = {
                 result.ids[j]: float(result.ratio[j]) for w, j, f in refits
                 if j != i and not of_base(result.ids[j])
-                and (w > worth - NEEDED or self.as_good(f, fitted, result.ids[j]))
+                and (w > worth - NEEDED or self.as_good(f, fitted, result.ids[j], worth - w))
             }
             doubted = has_reach(id) and any(
                 has_reach(result.ids[j]) for w, j, _ in refits if j != i and w > NEARLY * worth

@@ -48,7 +48,8 @@ def raced(
     out += tried(search, here, found, _as_fast(here, result, good, out), out)
     out += tried(search, here, found, result.as_flat(good), out)
     steep = begun_steep(search, here, found, out)
-    out = [t for t in out if t[1] not in [i for _, i, _ in steep]] + steep
+    search.steep = [i for _, i, _ in steep]
+    out = [t for t in out if t[1] not in search.steep] + steep
     bends = [i for i, id in enumerate(result.ids) if of_base(id) and i not in close]
     # what a bend of another kind leaves looks like a law, or an asymmetry
     bent = here.point.model.stage(BEND) is not None and (

@@ -30,6 +30,7 @@ OF_A_CORNER = "at one speed it shows just after corners alone, and explains litt
 # log-likelihood that makes up for more
 MOST_OF_IT, PLAIN_AT_CORNERS = 0.5, 25.0
 BESIDE = "not needed beside "  # and the name of another
+NEARLY_NOTHING = 0.05  # the same: what a cause leaves that is no warmth, whatever that says
 SAYS_NO_MORE = "once refitted it says no more than the model without it"
 CAME_TO_NOTHING = "once refitted it came out at a limit, or no different from nothing"
 OF_THE_MISFIT = (
@@ -104,12 +105,17 @@ def of_a_corner(search: Search, fitted: Fitted, here: Fitted, id: str) -> str | 
         return None
     if context_of(search.space, here.point.model).several_speeds:
         return None
+    if _leaves(search, fitted, here) <= MOST_OF_IT or _says_most(search, fitted, here):
+        return None
+    return OF_A_CORNER
+
+
+def _leaves(search: Search, fitted: Fitted, here: Fitted) -> float:
+    """Squared held-out error beyond the noise, of that before."""
     before, after = (
         max(search.error(0, f) ** 2 - search.noise_nm**2, 0.0) for f in (here, fitted)
     )
-    if after <= MOST_OF_IT * before or _says_most(search, fitted, here):
-        return None
-    return OF_A_CORNER
+    return after / before if before > 0.0 else np.inf
 
 
 def _says_most(search: Search, fitted: Fitted, here: Fitted) -> bool:
@@ -130,8 +136,10 @@ def of_a_law(search: Search, fitted: Fitted, id: str, without: Fitted | None = N
     """
     if (wandering := wanders(search.space, fitted, id)) is not None:
         return wandering
-    if without is not None and (warm := of_warmth(search.space, without, fitted, id)) is not None:
-        return warm
+    if without is not None and _leaves(search, fitted, without) > NEARLY_NOTHING:
+        warm = of_warmth(search.space, without, fitted, id)
+        if warm is not None:
+            return warm
     kind, model = CAUSES[id], fitted.point.model
     own, groups = model.stage(id), search.space.groups
     if isinstance(own, Cause):

@@ -117,16 +117,17 @@ class Scan:
 
     def of_their_kind(self, good: NDArray[np.int64], chance: FloatArray) -> FloatArray:
         """Chances, those of causes that cut off tips the least of them: any of them says that there
-        is one, and which it is is for their refits to say. So with what follows the range, which
-        a linear look takes for any of the others. Shape (c,), as that of ``chance``.
+        is one, and which it is is for their refits to say. So with what follows the range, where
+        something goes by speed. Shape (c,), as that of ``chance``.
         """
         flat = [i for i, id in enumerate(self.ids) if cuts_off(id)]
         out, found = chance.copy(), set(good.tolist())
         if set(flat) & found:
             out[flat] = chance[flat].min()
-        if found:
+        fast = [i for i, id in enumerate(self.ids) if by_speed(id) and i in found]
+        if fast:
             like = [i for i, id in enumerate(self.ids) if like_speed(id)]
-            out[like] = np.minimum(out[like], chance[list(found)].min())
+            out[like] = np.minimum(out[like], chance[fast].min())
         return out
 
 

@@ -1,4 +1,4 @@
-"""A first spring that follows the range, begun at its size.
+"""A first spring that follows range or extremum, begun at its size.
 
 Half loops that go further are faster, open further, and end where a bend would bring them. What a
 large spring does on the average the elements have gone after; of what is left a linear look makes
@@ -22,7 +22,7 @@ from piezo_rig.diagnosis.grown import Tried, grown
 from piezo_rig.diagnosis.needed import at_a_limit
 from piezo_rig.diagnosis.put_in import all_free
 from piezo_rig.diagnosis.refit import Fitted, refit
-from piezo_rig.diagnosis.scan import Found, by_speed
+from piezo_rig.diagnosis.scan import Found, by_speed, like_speed
 from piezo_rig.diagnosis.space import Space
 from piezo_rig.diagnosis.spare import AMISS
 from piezo_rig.errors import InputError
@@ -37,7 +37,7 @@ NEARER = 0.9  # of that, from which on it is begun once more
 def begun_steep(
     search: Search, here: Fitted, found: Found, fits: Sequence[Tried]
 ) -> list[Tried]:
-    """Springs that follow the range from their size, where something goes by speed or the best of
+    """First springs that follow a law from their size, where something goes by speed or the best of
     what was refitted leaves something amiss; without those that are worth nothing, or that say
     less than they did from a small slope.
 
@@ -52,9 +52,7 @@ def begun_steep(
     out: list[Tried] = []
     for i, id in enumerate(ids):
         kind = CAUSES[id]
-        if not (issubclass(kind, FirstSpring) and kind.like_speed):
-            continue
-        if not _asked_for(search, here, ids, i, fits):
+        if not issubclass(kind, FirstSpring) or not _asked_for(search, here, ids, i, fits):
             continue
         search.tell(f"refit with {id}, begun steep")
         search.patience.spend(1)
@@ -75,15 +73,15 @@ def _asked_for(
     search: Search, here: Fitted, ids: Sequence[str], own: int, fits: Sequence[Tried]
 ) -> bool:
     """Whether a spring may be what others stand in for, and was not begun so as far off as this."""
-    others = [(search.error(0, f), ids[i]) for worth, i, f in fits if worth > 0.0 and i != own]
-    beside = [search.error(0, f) for _, i, f in fits if i == own]
-    fast = [error for error, id in others if by_speed(id)]
-    if beside and (not others or min(beside) <= min(error for error, _ in others)):
-        return False
-    error = search.error(0, here)
-    least = min([error, *(error for error, _ in others)])
-    if not fast and least <= np.hypot(1.0, AMISS) * search.noise_nm:
-        return False
+    nearest = {i: search.error(0, f) for worth, i, f in fits if worth > 0.0 or i == own}
+    error, amiss = search.error(0, here), np.hypot(1.0, AMISS) * search.noise_nm
+    if min([error, *nearest.values()]) <= amiss:
+        others = [(e, ids[i]) for i, e in nearest.items() if i != own]
+        fast = like_speed(ids[own]) and any(
+            by_speed(id) and e < nearest.get(own, np.inf) for e, id in others
+        )
+        if not fast:
+            return False
     if error > NEARER * search.looked_at.get(STEEP + ids[own], np.inf):
         return False
     search.looked_at[STEEP + ids[own]] = error
