@@ -47,6 +47,8 @@ def explained(
     fits = tried(search, here, found, likeliest)
     if _taken(search, here, found, fits, family):
         return True
+    if of_the_rest >= LEVEL:
+        return False
     steep = begun_steep(search, here, found, fits)
     return _taken(search, here, found, steep, np.minimum(family, of_the_rest))
 

@@ -9,6 +9,7 @@ import pytest
 
 from piezo_rig.diagnosis.climb import Search
 from piezo_rig.diagnosis.held_out import held_out_errors
+from piezo_rig.diagnosis.in_doubt import explained
 from piezo_rig.diagnosis.refit import refit
 from piezo_rig.diagnosis.scan import scan
 from tests.diagnosis.small_bench import RATE, recordings
@@ -36,7 +37,7 @@ def tried(looked, doubted: str, noise_nm: float = NOISE_NM) -> tuple[bool, list[
     search = Search(space, first, np.random.default_rng(0), lambda text: None, held_out, noise_nm,
                     0, lambda less, fitted: True)  # fmt: skip
     family = np.array([0.004 if id == doubted else 1.0 for id in found.result.ids])
-    return search.explained(first, found, family), search.causes
+    return explained(search, first, found, family, of_the_rest=1.0), search.causes
 
 
 def test_the_cause_that_is_there_is_taken_in(looked):
