@@ -17,6 +17,7 @@ import numpy as np
 from piezo_rig.causes import CAUSES
 from piezo_rig.causes.cause import FirstSpring
 from piezo_rig.diagnosis.abreast import abreast
+from piezo_rig.diagnosis.first_spring import without_offset
 from piezo_rig.diagnosis.fit import Point
 from piezo_rig.diagnosis.grown import Tried, grown
 from piezo_rig.diagnosis.needed import at_a_limit
@@ -31,6 +32,7 @@ if TYPE_CHECKING:
     from piezo_rig.diagnosis.climb import Search
 
 STEEP = "steep "  # and a cause: the held-out error at which it was begun so
+AS_MUCH = 10.0  # log-likelihood that a law's constant part of its own is worth
 NEARER = 0.9  # of that, from which on it is begun once more
 
 
@@ -96,16 +98,34 @@ def _best(space: Space, here: Fitted, kind: type[FirstSpring]) -> Fitted | None:
         all_free(replace(here.point, model=here.point.model.with_stage(stage)), stage)
         for stage in kind.at_its_size(space.groups.travel_um, mean_v)
     ]
-    ends = abreast(space, [partial(_from_least_squares, space, p) for p in points], here.parts)
+    ends = abreast(
+        space, [partial(_from_least_squares, space, p, kind.id) for p in points], here.parts
+    )
     return max((f for f in ends if f is not None), key=lambda f: f.evidence, default=None)
 
 
-def _from_least_squares(space: Space, point: Point) -> Fitted | None:
+def _from_least_squares(space: Space, point: Point, id: str) -> Fitted | None:
     """Refitted from where plain least squares ends, or that place where it is likelier: what else
     may be amiss takes in a part of a large effect, and holds it back.
+
+    The law's constant part is the table's again where that says as much, as in all other fits.
     """
     try:
         plain = refit(space, point, held=True, plain=True)
-        return max(plain, refit(space, plain.point, held=True), key=lambda f: f.evidence)
+        there = max(plain, refit(space, plain.point, held=True), key=lambda f: f.evidence)
+        tabled = refit(space, _tabled(there.point, id), held=True)
     except (InputError, np.linalg.LinAlgError):
         return None
+    return tabled if tabled.evidence > there.evidence - AS_MUCH else there
+
+
+def _tabled(point: Point, id: str) -> Point:
+    """The constant part of a law moved into the table, and no longer free."""
+    law, table = point.model.stage(id), point.model.maxwell.elements
+    assert isinstance(law, FirstSpring)
+    assert table is not None
+    moved = point.model.maxwell.of(without_offset(table, law, -law["offset"]))
+    stages = {"maxwell": moved, id: law.with_values(offset=0.0)}
+    model = point.model.with_(stages=tuple(stages.get(s.id, s) for s in point.model.stages))
+    sizes = tuple(s for s in point.sizes if s[:2] != (id, "offset"))
+    return replace(point, model=model, sizes=sizes)
