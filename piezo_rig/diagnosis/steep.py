@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from piezo_rig.diagnosis.climb import Search
 
 STEEP = "steep "  # and a cause: the held-out error at which it was begun so
+MUCH = 0.3  # squared error beyond the noise, of that before, that others leave and it may explain
 AS_MUCH = 10.0  # log-likelihood that a law's constant part of its own is worth
 NEARER = 0.9  # of that, from which on it is begun once more
 
@@ -76,11 +77,13 @@ def _asked_for(
 ) -> bool:
     """Whether a spring may be what others stand in for, and was not begun so as far off as this."""
     nearest = {i: search.error(0, f) for worth, i, f in fits if worth > 0.0 or i == own}
-    error, amiss = search.error(0, here), np.hypot(1.0, AMISS) * search.noise_nm
-    if min([error, *nearest.values()]) <= amiss:
-        others = [(e, ids[i]) for i, e in nearest.items() if i != own]
+    error = search.error(0, here)
+    before, left = (max(e**2 - search.noise_nm**2, 0.0)
+                    for e in (error, min([error, *nearest.values()])))  # fmt: skip
+    amiss = left > (AMISS * search.noise_nm) ** 2
+    if not (amiss and (own in nearest or left > MUCH * before)):
         fast = like_speed(ids[own]) and any(
-            by_speed(id) and e < nearest.get(own, np.inf) for e, id in others
+            by_speed(ids[i]) and e < nearest.get(own, np.inf) for i, e in nearest.items()
         )
         if not fast:
             return False

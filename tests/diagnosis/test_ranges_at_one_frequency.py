@@ -15,10 +15,12 @@ from piezo_rig.diagnosis.scan import Scan
 from piezo_rig.run_file import Sweep
 from tests.more import first_of
 
-RATE, HZ, CYCLES, REPEATS = 2000.0, 2.0, 4, 3
+RATE, CYCLES, REPEATS = 2000.0, 4, 3
+ONE, SEVERAL = (2.0,), (1.0, 4.0)  # Hz
 UP_TO_V = (10, 20, 30, 40, 50, 60, 75)
 VOLTS, MEAN_V = 2.5, 35.0  # after a turn, over which the spring holds; of the ranges
-NOISE_UM, GOES_ON = 4e-3, 0.9  # of one sample; of the noise, from one to the next
+NOISE_UM = 4e-3  # of one sample
+WHITE, SLOW = 0.0, 0.9  # of the noise, from one sample to the next
 
 
 def branch(volts):
@@ -26,37 +28,45 @@ def branch(volts):
     return 0.093 * volts + 0.00616 * volts**1.5
 
 
-def sweeps(um_per_v, seed):
+def sweeps(um_per_v, seed, speeds=ONE, goes_on=SLOW):
     """Loops from 0 V that were played before; each half loop lags behind the range before it."""
     rng, out = np.random.default_rng(seed), []
-    half = round(RATE / HZ / 2)
-    for repeat in range(1, REPEATS + 1):
-        for high in UP_TO_V:
-            gone = high * np.arange(half) / half
-            lag = um_per_v * (high - MEAN_V) * np.minimum(gone / VOLTS, 1.0)
-            full = um_per_v * (high - MEAN_V)
-            up = branch(gone) - lag
-            down = branch(high) - full - (branch(gone) - lag)
-            drive = np.tile(np.concatenate([gone, high - gone]), CYCLES)
-            white = rng.standard_normal(drive.size + 200) * np.sqrt(1.0 - GOES_ON**2)
-            noise = lfilter([1.0], [1.0, -GOES_ON], white)[200:]
-            x = np.tile(np.concatenate([up, down]), CYCLES) + NOISE_UM * noise
-            out.append(Sweep(
-                f"sweep_{len(out) + 1:04d}", drive, x, RATE, 1.0, 0.0, 1.0, 1, 0.0, f"0-{high}",
-                repeat, "unknown", 60.0 * len(out), "IMPORTED",
-            ))  # fmt: skip
+    plays = [(r, hz, v) for r in range(1, REPEATS + 1) for hz in speeds for v in UP_TO_V]
+    for repeat, hz, high in plays:
+        half = round(RATE / hz / 2)
+        gone = high * np.arange(half) / half
+        lag = um_per_v * (high - MEAN_V) * np.minimum(gone / VOLTS, 1.0)
+        full = um_per_v * (high - MEAN_V)
+        up = branch(gone) - lag
+        down = branch(high) - full - (branch(gone) - lag)
+        drive = np.tile(np.concatenate([gone, high - gone]), CYCLES)
+        white = rng.standard_normal(drive.size + 200) * np.sqrt(1.0 - goes_on**2)
+        noise = lfilter([1.0], [1.0, -goes_on], white)[200:]
+        x = np.tile(np.concatenate([up, down]), CYCLES) + NOISE_UM * noise
+        out.append(Sweep(
+            f"sweep_{len(out) + 1:04d}", drive, x, RATE, 1.0, 0.0, 1.0, 1, 0.0,
+            f"0-{high}" if len(speeds) == 1 else f"0-{high} at {hz:g} Hz",
+            repeat, "unknown", 60.0 * len(out), "IMPORTED",
+        ))  # fmt: skip
     return out
 
 
-NOTHING_NAMED = pytest.mark.xfail(strict=True, reason="nothing is named: docs/other-benches.md, 34")
-SOFTER = pytest.param(-6e-4, 2, marks=[pytest.mark.study, NOTHING_NAMED])
+A_RATE_BESIDE_IT = pytest.mark.xfail(strict=True, reason="a rate dependence is named as well")
+SOFTER_IN_WHITE = pytest.param(-1e-3, 5, ONE, WHITE, marks=[pytest.mark.study, A_RATE_BESIDE_IT])
 
 
 @pytest.mark.parametrize(
-    ("um_per_v", "seed"), [*first_of(1, [(1e-3, 1), (6e-4, 3)]), SOFTER]
-)
-def test_a_steep_spring_that_follows_the_range_is_no_speed(um_per_v, seed):
-    found = diagnose(sweeps(um_per_v, seed))
+    ("um_per_v", "seed", "speeds", "noise"),
+    [*first_of(1, [
+        (1e-3, 1, ONE, WHITE),
+        (1e-3, 1, ONE, SLOW),
+        (6e-4, 3, ONE, SLOW),
+        (-6e-4, 2, ONE, SLOW),
+        (1e-3, 4, SEVERAL, SLOW),
+    ]), SOFTER_IN_WHITE],
+)  # fmt: skip
+def test_a_steep_spring_that_follows_the_range_is_no_speed(um_per_v, seed, speeds, noise):
+    found = diagnose(sweeps(um_per_v, seed, speeds, noise))
     (own,) = found.findings
     assert own.cause == "range-dependence"
     # the stiffer a spring, the further its half loop lags
