@@ -32,9 +32,9 @@ if TYPE_CHECKING:
     from piezo_rig.diagnosis.climb import Search
 
 STEEP = "steep "  # and a cause: the held-out error at which it was begun so
+NEARER = 0.9  # of that, from which on it is begun once more
 MUCH = 0.3  # squared error beyond the noise, of that before, that others leave and it may explain
 AS_MUCH = 10.0  # log-likelihood that a law's constant part of its own is worth
-NEARER = 0.9  # of that, from which on it is begun once more
 
 
 def begun_steep(
@@ -116,9 +116,12 @@ def _from_least_squares(space: Space, point: Point, id: str) -> Fitted | None:
     try:
         plain = refit(space, point, held=True, plain=True)
         there = max(plain, refit(space, plain.point, held=True), key=lambda f: f.evidence)
-        tabled = refit(space, _tabled(there.point, id), held=True)
     except (InputError, np.linalg.LinAlgError):
         return None
+    try:
+        tabled = refit(space, _tabled(there.point, id), held=True)
+    except (InputError, np.linalg.LinAlgError):
+        return there  # the table cannot take it
     return tabled if tabled.evidence > there.evidence - AS_MUCH else there
 
 
