@@ -105,17 +105,15 @@ def of_a_corner(search: Search, fitted: Fitted, here: Fitted, id: str) -> str | 
         return None
     if context_of(search.space, here.point.model).several_speeds:
         return None
-    if _leaves(search, fitted, here) <= MOST_OF_IT or _says_most(search, fitted, here):
+    before, after = _beyond(search, here), _beyond(search, fitted)
+    if after <= MOST_OF_IT * before or _says_most(search, fitted, here):
         return None
     return OF_A_CORNER
 
 
-def _leaves(search: Search, fitted: Fitted, here: Fitted) -> float:
-    """Squared held-out error beyond the noise, of that before."""
-    before, after = (
-        max(search.error(0, f) ** 2 - search.noise_nm**2, 0.0) for f in (here, fitted)
-    )
-    return after / before if before > 0.0 else np.inf
+def _beyond(search: Search, fitted: Fitted) -> float:
+    """Squared held-out error beyond the noise, nm^2."""
+    return max(search.error(0, fitted) ** 2 - search.noise_nm**2, 0.0)
 
 
 def _says_most(search: Search, fitted: Fitted, here: Fitted) -> bool:
@@ -136,7 +134,9 @@ def of_a_law(search: Search, fitted: Fitted, id: str, without: Fitted | None = N
     """
     if (wandering := wanders(search.space, fitted, id)) is not None:
         return wandering
-    if without is not None and _leaves(search, fitted, without) > NEARLY_NOTHING:
+    if without is not None and (
+        _beyond(search, fitted) >= NEARLY_NOTHING * _beyond(search, without)
+    ):
         warm = of_warmth(search.space, without, fitted, id)
         if warm is not None:
             return warm
