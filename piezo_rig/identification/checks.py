@@ -98,8 +98,8 @@ def _check_drive(where: str, drive: FloatArray) -> None:
             "drive-never-returns",
             f"{where}: the drive goes from {drive[0]:.4g} V to {drive[-1]:.4g} V and never turns",
             "only part of a cycle was recorded, or the file was cut off",
-            "leave this recording out, or record at least one full cycle; what is one drive "
-            "belongs into one recording",
+            "leave this recording out, or record at least one full cycle; pieces of one drive "
+            "belong in one recording",
         )
 
 

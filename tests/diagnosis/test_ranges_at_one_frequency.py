@@ -1,7 +1,8 @@
 """Where all triangles have one frequency, half loops that go further are faster.
 
 A first spring that follows the range then looks like a loop that opens with speed. Which of the two
-it is shows over the first volts after every turn.
+it is shows over the first volts after every turn. Over several frequencies bends of the base may
+stand for it.
 """
 
 from __future__ import annotations
