@@ -45,6 +45,7 @@ from piezo_rig.diagnosis.held_out import (
     repeated,
     spanned,
 )
+from piezo_rig.diagnosis.in_step import in_step, out_of_step
 from piezo_rig.diagnosis.in_turns import InTurns, TurnsBetween
 from piezo_rig.diagnosis.isolability import Workings
 from piezo_rig.diagnosis.ladder import Step
@@ -131,6 +132,13 @@ def _diagnosed(
     data = without_remembered(data, sweeps, _baseline(group_tracks(data, sweeps), baseline))
     raw = group_tracks(data, sweeps)
     notes = list(data.left_out)
+    drives = out_of_step(raw, data.tracks)
+    model = between or (plainly(raw, _baseline(raw, baseline)).point.model if drives else None)
+    stepped = in_step(raw, drives, model) if model is not None else None
+    if stepped is not None:
+        raw, between = stepped.groups, between or (model if stepped.between else None)
+        notes.append("repeats were not sampled in step with their drive, by what their drive "
+                     "columns say: they are compared as if they had been")  # fmt: skip
     if between is not None and (turned := raw.turned(between)) is not None:
         raw = turned
         notes.append("the drive turns between samples, and is taken to go on there: to where the "
