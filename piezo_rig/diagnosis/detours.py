@@ -111,9 +111,10 @@ def _at_its_best(search: Search) -> None:
     """
     if len(search.causes) != 1 or not has_reach(search.causes[0]):
         return
+    member = search.causes[0]  # a bend may have been taken in after it
     for _ in range(2):
         step = search.steps[-1]
-        fitted = summit(search.space, converged(search.space, step.fitted), step.cause)
+        fitted = summit(search.space, converged(search.space, step.fitted), member)
         search.steps[-1] = replace(step, fitted=fitted)
         if not also(search, search.fitted, 0.0):
             break

@@ -5,6 +5,7 @@ from types import SimpleNamespace
 import pytest
 
 from piezo_rig.causes.extremum_dependence import ExtremumDependence
+from piezo_rig.diagnosis import detours
 from piezo_rig.diagnosis.detours import with_stand_in
 from piezo_rig.diagnosis.forms import CARRIES
 from piezo_rig.diagnosis.ladder import Step
@@ -57,3 +58,18 @@ def test_a_law_that_hangs_on_two_half_loops_is_compared_at_its_price():
     found = with_stand_in(search, steps, others, there)
     assert asked == [10.0 - CARRIES]
     assert found[0].rivals == {"range-dependence": CARRIES - 10.0}
+
+
+def test_the_only_member_of_a_detour_is_brought_to_its_best_though_a_bend_came_after_it(
+    monkeypatch,
+):
+    steps, _ = ladder(-4000.0, "direction-asymmetry", "bend")
+    search = SimpleNamespace(steps=steps, causes=["direction-asymmetry"], fitted=None, space=None)
+    there, asked = SimpleNamespace(evidence=-3990.0), []
+    monkeypatch.setattr(detours, "converged", lambda _, fitted: fitted)
+    monkeypatch.setattr(detours, "summit", lambda _, fitted, id: asked.append(id) or there)
+    monkeypatch.setattr(detours, "also", lambda *_: False)
+    detours._at_its_best(search)
+    assert asked == ["direction-asymmetry"]
+    assert [s.cause for s in search.steps] == ["direction-asymmetry", "bend"]
+    assert search.steps[-1].fitted is there
