@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +24,7 @@ from piezo_rig.diagnosis.fit import Point
 from piezo_rig.diagnosis.groups import Group, Groups
 
 FloatArray = NDArray[np.float64]
-STEP_UM = 0.02
+STEP_UM, STEP_V = 0.02, 0.2
 SAMPLES, FEWEST = 4, 40  # in a step, on the average; steps
 HIGHEST = 0.25  # periods in a step
 FILLED = 0.8  # of all steps
@@ -46,6 +47,7 @@ class Ripple:
     period_um: float
     rms_nm: float
     p_value: float
+    over: ClassVar[str] = "displacement"
 
     @property
     def text(self) -> str:
@@ -56,6 +58,22 @@ class Ripple:
         return (f"{text}; an interferometer's comes every {1e3 * HALF_WAVE_UM:.4g} nm, and would "
                 f"be this one if the sensitivity were {1.0 / ratio:.4g} times what was "
                 "said")  # fmt: skip
+
+
+@dataclass(frozen=True)
+class DriveRipple:
+    """The same over the drive, as of a converter whose steps are not alike; ``period_v`` in V."""
+
+    period_v: float
+    rms_nm: float
+    p_value: float
+    period_um: ClassVar[None] = None
+    over: ClassVar[str] = "drive"
+
+    @property
+    def text(self) -> str:
+        return (f"an error that comes back every {self.period_v:.3g} V of the drive, as of a "
+                "generator whose steps are not alike")  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -190,7 +208,30 @@ def find_ripple(groups: Groups, model: Model, far: float = FAR) -> Ripple | None
 
     ``far`` : times their power
     """
-    rows = [row for g in groups.groups for row in _rows(g, model)]
+    found = _line(groups, model, _by_displacement, STEP_UM, far)
+    return found and Ripple(*found)
+
+
+def find_drive_ripple(groups: Groups, model: Model) -> DriveRipple | None:
+    """The same over the drive."""
+    found = _line(groups, model, _by_drive, STEP_V, FAR)
+    return found and DriveRipple(*found)
+
+
+def _by_displacement(group: Group, predicted: FloatArray) -> FloatArray:
+    return predicted
+
+
+def _by_drive(group: Group, predicted: FloatArray) -> FloatArray:
+    return group.drive_v
+
+
+def _line(
+    groups: Groups, model: Model, over: Callable[[Group, FloatArray], FloatArray], step: float,
+    far: float,
+) -> tuple[float, float, float] | None:  # fmt: skip
+    """Period, rms in nm and chance of a line over whatever a group says, in steps of that."""
+    rows = [row for g in groups.groups for row in _rows(g, model, over, step)]
     furthest = max((float(r.time_s[-1]) for r in rows), default=0.0)
     rows = [r for r in rows if r.time_s[-1] >= LONG * furthest]  # lines of others are wide
     if not rows:
@@ -204,21 +245,21 @@ def find_ripple(groups: Groups, model: Model, far: float = FAR) -> Ripple | None
     if not found.alone(k, found.power, among, far):
         return None
     plainest = max(rows, key=lambda r: float(r.power(found.f[k])) * r.values.size)
-    periods_per_um = summit(plainest, float(found.f[k]))
-    if not _goes_on(rows, periods_per_um):
+    periods = summit(plainest, float(found.f[k]))
+    if not _goes_on(rows, periods):
         return None
     chance = min(float(found.chance[k]) * found.f.size, 1.0)
-    return Ripple(1.0 / periods_per_um, 1e3 * float(np.sqrt(0.5 * found.power[k])), chance)
+    return 1.0 / periods, 1e3 * float(np.sqrt(0.5 * found.power[k])), chance
 
 
-def _goes_on(rows: Sequence[Row], periods_per_um: float) -> bool:
+def _goes_on(rows: Sequence[Row], periods: float) -> bool:
     """Whether a line is all over the travel, in one phase: a lump or two have a line of their own
     somewhere, which ends where they do.
     """
     together, apart = 0.0, 0.0
     for row in rows:
         parts = [
-            Row(x, y, 1.0).line(periods_per_um)
+            Row(x, y, 1.0).line(periods)
             for x, y in zip(np.array_split(row.time_s, PARTS), np.array_split(row.values, PARTS),
                             strict=True)
         ]  # fmt: skip
@@ -234,16 +275,18 @@ def _overtones(f: FloatArray, of: float, width: float) -> NDArray[np.bool_]:
     return near
 
 
-def _rows(group: Group, model: Model) -> list[Row]:
-    """What a model leaves of every block's mean over displacement, rising and falling alike, in
-    steps of displacement.
+def _rows(
+    group: Group, model: Model, over: Callable[[Group, FloatArray], FloatArray], least: float
+) -> list[Row]:
+    """What a model leaves of every block's mean over displacement or drive, rising and falling
+    alike, in steps of that.
     """
     predicted = group.predicted(model)
     left = group.measured_um.mean(axis=0) - predicted
-    rows = []
+    along, rows = over(group, predicted), []
     for a, b in group.blocks:
-        x, y = predicted[a:b], left[a:b]
-        steps = int(min(np.ptp(x) / STEP_UM, (b - a) / SAMPLES))
+        x, y = along[a:b], left[a:b]
+        steps = int(min(np.ptp(x) / least, (b - a) / SAMPLES))
         if steps < FEWEST:
             continue
         step = float(np.ptp(x)) / steps

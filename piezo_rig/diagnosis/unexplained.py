@@ -17,7 +17,7 @@ from piezo_rig.diagnosis.likelihood import Likelihood
 from piezo_rig.diagnosis.linear import Linear
 from piezo_rig.diagnosis.reduction import Reduced, reduce
 from piezo_rig.diagnosis.refit import Fitted
-from piezo_rig.diagnosis.ripples import Ripple
+from piezo_rig.diagnosis.ripples import DriveRipple, Ripple
 from piezo_rig.diagnosis.scan import LEVEL
 from piezo_rig.diagnosis.scores import score_generic
 from piezo_rig.diagnosis.slips import Slips
@@ -180,12 +180,15 @@ def with_line(
     return _besides(rest, line.p_value, line.rms_nm, least, ("clock", "frequency"), text)
 
 
-def with_ripple(rest: Unexplained, ripple: Ripple | None, noise_nm: float) -> Unexplained:
-    """The verdict with an error that comes back with displacement, at a period of its own."""
+def with_ripple(
+    rest: Unexplained, ripple: Ripple | DriveRipple | None, noise_nm: float
+) -> Unexplained:
+    """The verdict with an error that comes back with displacement or drive, at a period of its own.
+    """
     if ripple is None or ripple.p_value > LEVEL * LINES:
         return rest
     text = f"{ripple.text}, {_two(ripple.rms_nm)} nm rms"
-    found = _besides(rest, ripple.p_value, ripple.rms_nm, SEEN * noise_nm, ("displacement",), text)
+    found = _besides(rest, ripple.p_value, ripple.rms_nm, SEEN * noise_nm, (ripple.over,), text)
     if found is rest:
         return rest
     # of what was there before it is a part

@@ -11,9 +11,10 @@ from piezo_rig.diagnosis.engine import plain_space, plainly
 from piezo_rig.diagnosis.fit import Point, starting_model
 from piezo_rig.diagnosis.grouping import group_tracks
 from piezo_rig.diagnosis.refit import refit
-from piezo_rig.diagnosis.ripples import find_ripple, set_aside
+from piezo_rig.diagnosis.ripples import find_drive_ripple, find_ripple, set_aside
 from piezo_rig.identification import prepare
 from piezo_rig.studies.hidden import draw
+from tests.diagnosis.sliders import play, recorded
 from tests.diagnosis.small_bench import recordings
 from tests.more import first_of
 
@@ -89,3 +90,45 @@ def test_a_period_near_half_a_wavelength_tells_the_scale():
 @pytest.mark.parametrize("protocol", first_of(1, ["matrix", "holds", "one"]))
 def test_what_a_model_gets_wrong_is_no_ripple(kind, protocol):
     assert seen(draw(kind, 4021, protocol, "1/f", 100.0, 2).sweeps) is None
+
+
+def drive_ripple(sweeps):
+    """In what a classical model leaves."""
+    groups, point = classical(sweeps)
+    return find_drive_ripple(groups, point.model)
+
+
+@pytest.mark.parametrize("period_v", [2.9, 4.4])
+def test_a_converter_whose_steps_are_not_alike_is_seen(period_v):
+    """Rising and falling alike, at the same volts: no slider knows of those."""
+    found = drive_ripple(recordings(
+        effect=lambda x, drive, t: x + 3e-3 * np.sin(2.0 * np.pi * drive / period_v + 0.4)
+    ))  # fmt: skip
+    assert found.period_v == pytest.approx(period_v, rel=0.02)
+    assert 0.4 < found.rms_nm / (3.0 / np.sqrt(2.0)) < 1.1
+    assert found.p_value < 1e-9
+    assert f"every {found.period_v:.3g} V of the drive" in found.text
+
+
+@pytest.mark.parametrize("kind", [
+    "null", "creep", "extremum-dependence", "direction-asymmetry",
+])  # fmt: skip
+@pytest.mark.parametrize("protocol", first_of(1, ["matrix", "holds", "rates"]))
+def test_what_a_model_gets_wrong_is_no_ripple_of_the_drive(kind, protocol):
+    assert drive_ripple(draw(kind, 4022, protocol, "white", 100.0, 2).sweeps) is None
+
+
+@pytest.mark.parametrize("apart_v", [2.5, 5.0])
+def test_thresholds_that_are_evenly_far_apart_make_none(apart_v):
+    """Every range is a whole multiple of that: their kinks are at the same volts on both ways."""
+    limits = np.arange(apart_v, 40.0, apart_v) / 2.0
+    tops, rng, sweeps = (30.0, 50.0, 60.0, 75.0), np.random.default_rng(5), []
+    for number, top in enumerate(tops * 2):
+        time = np.arange(3000) / 2000.0
+        volts = top * (1.0 - np.abs(2.0 * ((2.0 * time) % 1.0) - 1.0))
+        seen = play(volts, limits, 0.0016 * 30 / limits.size)
+        sweeps.append(recorded(
+            volts, seen + 2e-3 * rng.standard_normal(time.size), 2000.0, number=number + 1,
+            condition=f"to {top:g} V", repeat=number // len(tops) + 1,
+        ))  # fmt: skip
+    assert drive_ripple(sweeps) is None
