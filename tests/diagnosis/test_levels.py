@@ -6,6 +6,9 @@ import numpy as np
 import pytest
 
 from piezo_rig.diagnosis import diagnose
+from piezo_rig.diagnosis.early.clean_up import clean_up
+from piezo_rig.diagnosis.engine import plainly
+from piezo_rig.diagnosis.fit import Point, starting_model
 from piezo_rig.diagnosis.grouping import group_tracks
 from piezo_rig.diagnosis.levels import levels
 from piezo_rig.identification import prepare
@@ -94,6 +97,37 @@ def waves(colour, lost):
             seen = np.append(np.delete(seen, range(1800, 1800 + lost)), np.full(lost, seen[-1]))
         out.append(recorded(volts, seen, RATE, "virgin", number))
     return out
+
+
+def loops_with_a_loss(at, lost):
+    """Two triangles of one frequency three times each; the second recording of one has a loss."""
+    rng, time = np.random.default_rng(1), np.arange(4000) / 2000.0
+    out = []
+    for number in range(6):
+        top = (70.0, 45.0)[number % 2]
+        volts = top * (1.0 - np.abs(2.0 * ((1.5 * np.maximum(time - 0.1, 0.0)) % 1.0) - 1.0))
+        seen = play(volts, LIMITS, 0.0016) + NOISE_UM * rng.standard_normal(time.size)
+        if number == 2:
+            seen = np.delete(seen, range(at, at + lost))
+        out.append(recorded(
+            volts[: seen.size], seen, 2000.0, number=number, condition=f"to {top:g} V",
+            repeat=number // 2 + 1,
+        ))  # fmt: skip
+    return out
+
+
+@pytest.mark.parametrize("at", first_of(1, [1300, 1500]))
+def test_what_a_loss_leaves_of_every_half_loop_is_no_telegraph(at):
+    """In parts it is: averages that stand out here and there, up and down, and much the same."""
+    sweeps = loops_with_a_loss(at, 7)
+    groups = group_tracks(prepare(sweeps), sweeps)
+    assert levels(groups) is not None
+    point = plainly(groups, Point(starting_model(groups, (), "classical"))).point
+    early, _ = clean_up(groups, sweeps, point, lambda g, p: plainly(g, p).point, 1e-3, 20)
+    assert [e.cause for e in early] == ["dropped-samples"]
+    (event,) = early[0].events
+    assert (event.index, event.size) == (at, 7)
+    assert levels(early[0].groups) is None
 
 
 def test_a_diagnosis_says_so_and_names_no_lost_samples():

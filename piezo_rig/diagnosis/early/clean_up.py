@@ -76,6 +76,17 @@ def _believed(
     return Breaks(tuple(b for b in breaks if b not in alone))
 
 
+def _of_levels(groups: Groups, point: Point, breaks: Breaks) -> bool:
+    """Whether noise that switches between two levels is taken for breaks: it still does so once
+    they are mended. What a loss of many samples leaves of every half loop may look like steps, and
+    is gone with it.
+    """
+    if levels(groups) is None:
+        return False
+    predicted = [g.predicted(point.model) for g in groups.groups]
+    return levels(mended(groups, predicted, breaks.breaks)) is not None
+
+
 def _placed_again(
     groups: Groups, point: Point, breaks: Breaks, refitted: Callable[[Groups, Point], Point],
     search: Callable[[Model], Breaks],
@@ -129,9 +140,10 @@ def clean_up(
         point = refitted(clean, point)
     hum = find_hum(clean, point.model)
     line = hum.frequency if hum is not None and hum.p_value * count < level else None
-    breaks = Breaks(())
-    if levels(clean) is None:  # whose steps would be taken for lost samples
-        breaks = find_breaks(clean, point.model, sweeps, level / count, line)
+    breaks = find_breaks(clean, point.model, sweeps, level / count, line)
+    if _of_levels(clean, point, breaks):
+        breaks = Breaks(())
+    else:
         known = recounted(clean, point, breaks.breaks, refitted, enough)
         if behind is not None:
             known = outright(clean, point, sweeps, known, refitted, behind)
