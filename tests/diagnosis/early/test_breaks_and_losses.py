@@ -382,3 +382,23 @@ def test_a_jump_by_as_much_as_a_sine_goes_in_some_samples_is_a_jump(monkeypatch,
         ))  # fmt: skip
     groups, breaks = searched(sweeps)
     assert said(groups, breaks) == [(2, "fringe-jump", 6000, -2)]
+
+
+@pytest.mark.parametrize("at", first_of(1, [1433, 1434]))
+def test_a_jump_of_many_steps_is_counted_at_sight(at):
+    """Over one walk, three times: it is most of what the noise is taken for, and half of it falls
+    into an averaged sample.
+    """
+    time, rng = np.arange(4000) / 2000.0, np.random.default_rng(0)
+    drawn = np.random.default_rng(4)
+    corners = np.append(0.0, np.cumsum(drawn.uniform(0.05, 0.2, 60)))
+    drive = np.interp(time, corners, np.append(0.0, drawn.uniform(0.0, 75.0, 60)))
+    moved, sweeps = play(drive, np.linspace(0.5, 30.0, 30), 0.0016), []
+    for number in range(3):
+        seen = moved + 2e-3 * rng.standard_normal(time.size)
+        seen[at:] += 5 * 0.0791 * (number == 1)
+        sweeps.append(recorded(drive, seen, 2000.0, "unknown", number, "walk", number + 1))
+    groups = group_tracks(prepare(sweeps), sweeps)
+    model = plainly(groups, Point(starting_model(groups, (), "classical"))).point.model
+    found = find_breaks(groups, model, sweeps, LEVEL)
+    assert said(groups, found.breaks) == [(1, "fringe-jump", at, 5)]
