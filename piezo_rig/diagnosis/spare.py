@@ -11,7 +11,6 @@ import numpy as np
 
 from piezo_rig.causes import CAUSES
 from piezo_rig.causes.cause import Cause
-from piezo_rig.diagnosis import refusals
 from piezo_rig.diagnosis.abreast import abreast
 from piezo_rig.diagnosis.among_repeats import PLAINLY, told
 from piezo_rig.diagnosis.confusion import APART, certainties, strengths
@@ -286,8 +285,6 @@ def idle(search: Search) -> bool:
             else:
                 search.steps = []
             beside = "what nothing explains" if unknown else "what is found"
-            spared = refusals.BESIDE + id  # may be needed now
-            search.barred = {c: why for c, why in search.barred.items() if why != spared}
             search.barred[id] = f"does not help to predict, beside {beside}"
             dropped = True
             break
