@@ -134,8 +134,7 @@ def _diagnosed(
     notes = list(data.left_out)
     drives = out_of_step(raw, data.tracks)
     model = between or (plainly(raw, _baseline(raw, baseline)).point.model if drives else None)
-    stepped = in_step(raw, drives, model) if model is not None else None
-    if stepped is not None:
+    if drives and model is not None and (stepped := in_step(raw, drives, model)) is not None:
         raw, between = stepped.groups, between or (model if stepped.between else None)
         notes.append("repeats were not sampled in step with their drive, by what their drive "
                      "columns say: they are compared as if they had been")  # fmt: skip

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from piezo_rig.chain import Model
 from piezo_rig.diagnosis.early.followed import BY_ALL, MANY, by_all_that_follows, path_of
-from piezo_rig.diagnosis.early.guesses import CLEAR, guess_of, losses_of_pairs
+from piezo_rig.diagnosis.early.guesses import CLEAR, at_sight, guess_of, losses_of_pairs
 from piezo_rig.diagnosis.early.mended import DROP, JUMP, STEP_UM, Break, lead, mended
 from piezo_rig.diagnosis.early.peaks import Peak, Search, find_peaks
 from piezo_rig.diagnosis.early.place import at_rest, placed
@@ -360,29 +360,12 @@ def _exact(search: Search, peak: Peak, mixed: bool) -> tuple[float, Break | None
     if peak.cause == JUMP:  # several add up to a mean of them, far from each
         one = 1 if peak.count > 0 else -1
         counts = [c for c in (peak.count, peak.count - one, peak.count + one) if c]
-        counts += [c for c in (_at_sight(search, peak),) if c and c not in counts]
+        counts += [c for c in (at_sight(search, peak),) if c and c not in counts]
     for count in counts:
         found = _exactly(search, replace(peak, count=count), mixed)
         if found is not None:
             return found
     return None
-
-
-def _at_sight(search: Search, peak: Peak) -> int:
-    """Steps between what a recording has of its own before and after a jump.
-
-    Noise is measured with the jump in it: of a large one it hides most, where it falls into the
-    middle of an averaged sample.
-    """
-    stretch = search.stretches[peak.stretch]
-    own = own_part(
-        search.groups.groups[stretch.group], peak.row, search.predicted[stretch.group]
-    )
-    before = own[max(peak.at - stretch.factor - ENOUGH, stretch.begin) : peak.at - stretch.factor]
-    after = own[peak.at + stretch.factor + 1 : min(peak.at + stretch.factor + ENOUGH, stretch.end)]
-    if not (before.size and after.size):
-        return 0
-    return int(np.rint((np.median(after) - np.median(before)) / STEP_UM))
 
 
 def _exactly(search: Search, peak: Peak, mixed: bool) -> tuple[float, Break | None] | None:

@@ -1,14 +1,19 @@
-"""Losses that are guessed where none fits alone: both recordings of a drive have lost some."""
+"""Losses that are guessed where none fits alone, for both recordings of a drive have lost some, and
+jumps that are counted at sight.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
-from piezo_rig.diagnosis.early.mended import DROP, Break, lead
+import numpy as np
+
+from piezo_rig.diagnosis.early.mended import DROP, STEP_UM, Break, lead
 from piezo_rig.diagnosis.early.peaks import GRID, Peak, Search, find_pair
 from piezo_rig.diagnosis.early.place import placed
 from piezo_rig.diagnosis.early.traces import own_part, sweep_bounds
 
+BESIDE = 12  # samples to either side, that say how large a jump is
 CLEAR = 12.0  # log-likelihood that an instant itself must be worth
 
 
@@ -43,3 +48,20 @@ def guess_of(search: Search, peaks: Sequence[Peak]) -> Break | None:
         p = search.chance(near[3])
         best = near[3], Break(DROP, stretch.group, peak.row, index, 1, low, high, end, p)
     return None if best is None else best[1]
+
+
+def at_sight(search: Search, peak: Peak) -> int:
+    """Steps between what a recording has of its own before and after a jump.
+
+    Noise is measured with the jump in it: of a large one it hides most, where it falls into the
+    middle of an averaged sample.
+    """
+    stretch = search.stretches[peak.stretch]
+    own = own_part(
+        search.groups.groups[stretch.group], peak.row, search.predicted[stretch.group]
+    )
+    before = own[max(peak.at - stretch.factor - BESIDE, stretch.begin) : peak.at - stretch.factor]
+    after = own[peak.at + stretch.factor + 1 : min(peak.at + stretch.factor + BESIDE, stretch.end)]
+    if not (before.size and after.size):
+        return 0
+    return int(np.rint((np.median(after) - np.median(before)) / STEP_UM))
