@@ -299,10 +299,18 @@ def _likelihood(point: Point, linear: Linear) -> tuple[Likelihood, range]:
     return Likelihood(reduce(linear, free=range(n, n + q))), range(-q, 0)
 
 
-def changed_um(space: Space, before: Model, after: Model) -> float:
-    """Rms of what a change of model does to the displacement, blocks centred."""
+def changed_um(
+    space: Space, before: Model, after: Model, since_turned: bool = False
+) -> float:
+    """Rms of what a change of model does to the displacement, blocks centred.
+
+    ``since_turned`` : in every half loop since it began, without what turns have added up to
+    """
     square, count, data = 0.0, 0.0, space.together
-    moved = (data.predicted(after) - data.predicted(before))[data.inside]
+    moved = data.predicted(after) - data.predicted(before)
+    if since_turned:
+        moved = moved - moved[data.turned]
+    moved = moved[data.inside]
     for index, g in enumerate(space.groups.groups):
         change = moved[data.part(index)]
         for (a, b), cells in zip(space.groups.edges(g), space.groups.cells(g), strict=True):
@@ -320,7 +328,8 @@ def laws_of(space: Space, model: Model) -> FloatArray:
         less = model.without(stage.id)
         if not playable(space, less):
             continue
-        size = changed_um(space, less, model)
+        # columns that begin anew at every turn know nothing of what turns have added up to
+        size = min(changed_um(space, less, model, since) for since in (False, True))
         for k, tag in enumerate(space.tags):
             out[k] += (stage.assumed.get(tag, 0.0) * size) ** 2
     return out

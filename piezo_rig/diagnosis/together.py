@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from piezo_rig.chain import Memo, Model
 from piezo_rig.chain.drives import Drives
-from piezo_rig.diagnosis.groups import Groups, Short
+from piezo_rig.diagnosis.groups import Group, Groups, Short
 
 FloatArray = NDArray[np.float64]
 
@@ -26,6 +26,7 @@ class Together:
     ends : shape (g + 1,), where each begins and the last ends among the samples that are played
     inside : shape (n,), which of those belong to the data
     thinned : shape (g + 1,), the same as ``ends`` among these
+    turned : shape (n,), where the half loop that each of them lies in began, among them
     """
 
     each: Sequence[Short]
@@ -33,6 +34,7 @@ class Together:
     ends: NDArray[np.int64]
     inside: NDArray[np.bool_]
     thinned: NDArray[np.int64]
+    turned: NDArray[np.int64]
     memo: Memo = field(default_factory=Memo)
 
     @classmethod
@@ -47,8 +49,11 @@ class Together:
         )
         sizes = [s.inside.size for s in each]
         kept = [int(s.inside.sum()) for s in each]
-        inside = np.concatenate([s.inside for s in each])
-        return cls(each, drives, np.cumsum([0, *sizes]), inside, np.cumsum([0, *kept]))
+        inside, ends = np.concatenate([s.inside for s in each]), np.cumsum([0, *sizes])
+        turned = np.concatenate([
+            begin + _turned(g, s) for begin, g, s in zip(ends, groups.groups, each, strict=False)
+        ])  # fmt: skip
+        return cls(each, drives, ends, inside, np.cumsum([0, *kept]), turned)
 
     def part(self, index: int) -> slice:
         """Where a group's thinned samples are."""
@@ -82,3 +87,11 @@ class Together:
             row[:] = (self.predicted_once(model) - base)[self.inside]
         return out
 
+
+def _turned(group: Group, short: Short) -> NDArray[np.int64]:
+    """Where the half loop of every shortened sample began, shape (n,)."""
+    time = short.group.time_s
+    at = np.searchsorted(time, group.time_s[group.loops.start] - 1e-9)
+    begun = np.zeros(time.size, np.int64)
+    begun[at[at < time.size]] = at[at < time.size]
+    return np.maximum.accumulate(begun)
