@@ -116,7 +116,11 @@ def _counted(names: Iterable[str]) -> list[str]:
 
 
 def several_table(rows: Sequence[Row]) -> str:
-    """Several effects at once; each is plain off the others, so an oracle names just those."""
+    """Several effects at once; each is plain off the others.
+
+    An oracle names just those, and with them what it cannot tell from one of them (``not_told`` of
+    a row: cause -> causes; nothing where it was not asked).
+    """
     if not rows:
         return ""
     body = []
@@ -141,13 +145,16 @@ def several_table(rows: Sequence[Row]) -> str:
             missed += len(left)
         f1 = 2 * hit / max(2 * hit + missed + extra, 1)
         reported = [set().union(*(named(f) for f in r["findings"])) for r in group]
+        oracles = [set(r["truth"]["causes"]).union(*r.get("not_told", {}).values()) for r in group]
         body.append((
             count, protocol, f"{asked:g}", len(group), hit, missed, extra, number(f1, 3),
             sum(len(r["findings"]) <= count for r in group),
             sum(len(s) <= count for s in reported), called_unexplained(group),
+            sum(len(s) <= len(o) for s, o in zip(reported, oracles, strict=True)),
         ))  # fmt: skip
     head = ("effects at once", "protocol", "d'", "n", "found", "missed", "extra", "F1",
-            "no more than hidden", "nor alternatives", "unexplained")  # fmt: skip
+            "no more than hidden", "nor alternatives", "unexplained",
+            "no more than the oracle's")  # fmt: skip
     return table(head, body)
 
 

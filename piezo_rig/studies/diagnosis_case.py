@@ -17,6 +17,7 @@ from piezo_rig.identification import identify
 from piezo_rig.run_file.sweep import Sweep
 from piezo_rig.scoring.counts import Row
 from piezo_rig.studies.hidden import Case, draw
+from piezo_rig.studies.hidden.confounded import not_told
 
 FloatArray = NDArray[np.float64]
 # removed from the recordings before any model
@@ -56,6 +57,8 @@ def run_case(spec: Spec) -> Row:
         return row
     row["seconds"] = round(time.perf_counter() - begin, 3)
     row |= _said(found)
+    if any(f.alternatives for f in found.findings):
+        row["not_told"] = not_told(case)
     try:
         row |= _checked(case, found, baseline)
     except Exception as error:

@@ -19,9 +19,11 @@ nothing else, at most 50,000 samples a case, two repeats.
 play operators, drive powers and offsets have been projected off. At d' = 40 an oracle that knows
 the true form misses nothing; what it would call wrong is what the confusion in the data makes it.
 Of several effects at once it is what is left of each once the others are projected off, so that
-the oracle would name all of them and nothing else: "no more than hidden" counts the cases with as
-many findings or fewer, "nor alternatives" those whose findings and alternatives together are no
-more.
+the oracle would name all of them: "no more than hidden" counts the cases with as many findings or
+fewer, "nor alternatives" those whose findings and alternatives together are no more. The oracle
+cannot tell another cause from a hidden one either where less than d' = 4 is left of the hidden one
+off an example of the other: "no more than the oracle's" counts the cases whose findings and
+alternatives are no more than what is hidden and those.
 Form A of an effect is the catalogue's own law, with parameters that can be compared; form B is
 other physics under the same name (three relaxations for creep, rate-dependent thresholds, smooth
 laws after a turning point, an exponential warm-up). "In set" counts the cause or its listed

@@ -13,6 +13,7 @@ from piezo_rig.studies import diagnosis, diagnosis_case
 from piezo_rig.studies.diagnosis_document import write
 from piezo_rig.studies.hidden import PROTOCOLS, draw, kernels
 from piezo_rig.studies.hidden.body import Body, Law, random_body
+from piezo_rig.studies.hidden.confounded import not_told
 from piezo_rig.studies.hidden.effects import EFFECTS, Creep
 from piezo_rig.studies.hidden.locked import locked
 from piezo_rig.studies.hidden.noise import noise_of
@@ -225,6 +226,25 @@ def test_the_summary_counts_alarms_names_and_intervals():
     assert "| 2 | walk | 40 | 1 | 1 | 1 | 0 |" in apart
     assert "| 2 | all | 40 | 3 | 4 | 2 | 1 |" in apart
     assert "| creep rate_per_decade | 2 | 100 |" in said
+
+
+def test_a_set_may_hold_what_the_oracle_cannot_tell_either():
+    found = [("creep", []), ("time-skew", ["amplifier-lag", "rate-dependence"])]
+    strict = _row("creep+time-skew", found)
+    for also, fits in (
+        ({}, 0), ({"creep": [], "time-skew": ["amplifier-lag"]}, 0),
+        ({"creep": ["thermal-drift"], "time-skew": ["amplifier-lag"]}, 1),
+    ):  # fmt: skip
+        said = diagnosis.summary([strict | {"not_told": also}])
+        assert f"| 2 | all | 40 | 1 | 2 | 0 | 0 | 1.000 | 1 | 0 | 0 | {fits} |" in said
+
+
+def test_the_oracle_cannot_tell_a_lag_from_a_delay_where_the_drive_is_slow_and_smooth():
+    # of w = 2 pi f tau a lag makes a phase of -w + w^3 / 3 and an amplitude of 1 - w^2 / 2
+    smooth = not_told(draw("time-skew", 9802, "multisine", "1/f"))["time-skew"]
+    assert "amplifier-lag" in smooth
+    assert not {"creep", "mains-hum", "thermal-drift", "direction-asymmetry"} & set(smooth)
+    assert not_told(draw("time-skew", 9802, "matrix", "white", 400.0)) == {"time-skew": []}
 
 
 def test_a_file_of_cases_is_resumed(tmp_path, monkeypatch):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,18 +34,7 @@ def sized(
     if not effects:
         return [], []
     oracle = Oracle.of([c.drive_v for c in conditions], noise, repeats)
-    bare = [locked(body, (), c.time_s, c.drive_v) for c in conditions]
-
-    def change(e: Effect) -> list[FloatArray]:
-        """Of every condition; of every recording where the clock matters."""
-        if e.clock_locked:
-            rng = np.random.default_rng([seed, 6])
-            session = Session.of(tuple(conditions), repeats, (e,), rng)
-            n = len(conditions)
-            return [session.added(k, conditions[k % n], bare[k % n])
-                    for k in range(len(session.starts_s))]  # fmt: skip
-        return [locked(body, (e,), c.time_s, c.drive_v) - x
-                for c, x in zip(conditions, bare, strict=True)]  # fmt: skip
+    change = changes_of(body, conditions, repeats, seed)
 
     out, seen = [], []
     for e in effects:
@@ -61,16 +50,35 @@ def sized(
     if len(out) == 1:
         return out, seen
     for _ in range(ROUNDS):
-        seen = _apart(oracle, [change(e) for e in out], repeats)
+        seen = apart(oracle, [change(e) for e in out], repeats)
         if all(d > (1.0 - NEAR) * wanted or e.size >= e.most
                for d, e in zip(seen, out, strict=True)):  # fmt: skip
             break
         out = [e.sized(min(e.size * max(wanted / max(d, 1e-300), 1.0), e.most))
                for e, d in zip(out, seen, strict=True)]  # fmt: skip
-    return out, _apart(oracle, [change(e) for e in out], repeats)
+    return out, apart(oracle, [change(e) for e in out], repeats)
 
 
-def _apart(oracle: Oracle, changes: Sequence[list[FloatArray]], repeats: int) -> list[float]:
+def changes_of(
+    body: Body, conditions: Sequence[Condition], repeats: int, seed: int
+) -> Callable[[Effect], list[FloatArray]]:
+    """What an effect changes, um, condition by condition; of every recording, if by the clock."""
+    bare = [locked(body, (), c.time_s, c.drive_v) for c in conditions]
+
+    def change(e: Effect) -> list[FloatArray]:
+        if e.clock_locked:
+            rng = np.random.default_rng([seed, 6])
+            session = Session.of(tuple(conditions), repeats, (e,), rng)
+            n = len(conditions)
+            return [session.added(k, conditions[k % n], bare[k % n])
+                    for k in range(len(session.starts_s))]  # fmt: skip
+        return [locked(body, (e,), c.time_s, c.drive_v) - x
+                for c, x in zip(conditions, bare, strict=True)]  # fmt: skip
+
+    return change
+
+
+def apart(oracle: Oracle, changes: Sequence[list[FloatArray]], repeats: int) -> list[float]:
     """d' of what is left of each change off the others."""
     most = max(len(c) for c in changes)
     whole = [c * repeats if len(c) < most else c for c in changes]
