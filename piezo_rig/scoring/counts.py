@@ -12,6 +12,7 @@ from piezo_rig.scoring.tables import number, table
 
 Row = dict[str, Any]  # one case: what was hidden, what was said of it
 
+PLAIN = 40.0  # d' of a stranger off what is known, from which on it is one for an oracle
 SHARE_FROM = 0.05  # of the error on the unseen drive that the effect must make up to be counted
 
 
@@ -168,8 +169,19 @@ def stranger_table(rows: Sequence[Row]) -> str:
             called_unexplained(group),
             sum(bool(r["findings"]) for r in group),
             ", ".join(_counted(f["cause"] for r in group for f in r["findings"])),
+            _median(r.get("off_known") for r in group),
         ))  # fmt: skip
-    return table(("stranger", "d'", "n", "unexplained", "named", "as"), body)
+    far = [r for r in rows if r.get("off_known", 0.0) >= PLAIN]
+    said = f"\n\nOf those with d' {PLAIN:g} and more off every known cause unexplained: " + share(
+        r["unexplained"]["detected"] for r in far
+    )
+    head = ("stranger", "d'", "n", "unexplained", "named", "as", "d' off the nearest cause")
+    return table(head, body) + (said if far else "")
+
+
+def _median(values: Iterable[float | None]) -> str:
+    known = [v for v in values if v is not None]
+    return f"{float(np.median(known)):.0f}" if known else ""
 
 
 def parameter_table(rows: Sequence[Row]) -> str:

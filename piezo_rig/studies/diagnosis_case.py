@@ -17,7 +17,7 @@ from piezo_rig.identification import identify
 from piezo_rig.run_file.sweep import Sweep
 from piezo_rig.scoring.counts import Row
 from piezo_rig.studies.hidden import Case, draw
-from piezo_rig.studies.hidden.confounded import not_told
+from piezo_rig.studies.hidden.confounded import left_off, not_told
 
 FloatArray = NDArray[np.float64]
 # removed from the recordings before any model
@@ -59,6 +59,8 @@ def run_case(spec: Spec) -> Row:
     row |= _said(found)
     if any(f.alternatives for f in found.findings):
         row["not_told"] = not_told(case)
+    if case.truth.cause.startswith("stranger:"):
+        row["off_known"] = min(left_off(case)[case.truth.cause].values())
     try:
         row |= _checked(case, found, baseline)
     except Exception as error:

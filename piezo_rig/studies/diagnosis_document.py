@@ -23,7 +23,8 @@ the oracle would name all of them: "no more than hidden" counts the cases with a
 fewer, "nor alternatives" those whose findings and alternatives together are no more. The oracle
 cannot tell another cause from a hidden one either where less than d' = 4 is left of the hidden one
 off an example of the other: "no more than the oracle's" counts the cases whose findings and
-alternatives are no more than what is hidden and those.
+alternatives are no more than what is hidden and those. A stranger may be much like a known cause;
+what is left of its d' off the nearest one says how much of a stranger it is.
 Form A of an effect is the catalogue's own law, with parameters that can be compared; form B is
 other physics under the same name (three relaxations for creep, rate-dependent thresholds, smooth
 laws after a turning point, an exponential warm-up). "In set" counts the cause or its listed

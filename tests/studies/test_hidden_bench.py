@@ -13,7 +13,7 @@ from piezo_rig.studies import diagnosis, diagnosis_case
 from piezo_rig.studies.diagnosis_document import write
 from piezo_rig.studies.hidden import PROTOCOLS, draw, kernels
 from piezo_rig.studies.hidden.body import Body, Law, random_body
-from piezo_rig.studies.hidden.confounded import not_told
+from piezo_rig.studies.hidden.confounded import left_off, not_told
 from piezo_rig.studies.hidden.effects import EFFECTS, Creep
 from piezo_rig.studies.hidden.locked import locked
 from piezo_rig.studies.hidden.noise import noise_of
@@ -237,6 +237,22 @@ def test_a_set_may_hold_what_the_oracle_cannot_tell_either():
     ):  # fmt: skip
         said = diagnosis.summary([strict | {"not_told": also}])
         assert f"| 2 | all | 40 | 1 | 2 | 0 | 0 | 1.000 | 1 | 0 | 0 | {fits} |" in said
+
+
+def test_a_stranger_counts_where_much_of_it_is_left_off_every_known_cause():
+    rows = [
+        _row("stranger:stick", [], unexplained={"detected": True}, off_known=59.0),
+        _row("stranger:stick", [("creep", [])], off_known=41.0),
+        _row("stranger:stick", [("creep", [])], off_known=12.0),
+    ]
+    said = diagnosis.summary(rows)
+    assert "| stranger:stick | 40 | 3 | 1 | 2 | creep 2 | 41 |" in said
+    assert "off every known cause unexplained: 1/2" in said
+    # of ageing that saturates with the travel little is left off ageing that does with cycles
+    ageing = draw("stranger:travel-gain", 9800, "rates", "white", 60.0)
+    (left,) = left_off(ageing).values()
+    assert min(left, key=left.get) == "cycle-aging"
+    assert left["cycle-aging"] < 20.0 < 55.0 < left["mains-hum"]
 
 
 def test_the_oracle_cannot_tell_a_lag_from_a_delay_where_the_drive_is_slow_and_smooth():
