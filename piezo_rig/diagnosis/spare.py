@@ -43,6 +43,7 @@ NEXT_TO_NOTHING = 0.05  # log-likelihood of what is left with a member, of that 
 MORE = 0.1  # of the squared noise, of what is held out and left without a member
 PLAIN = 50.0  # log-likelihood of a member that is dropped only if it does harm beyond doubt
 OF_WHAT_IT_TOOK = 0.5  # squared error: a table that leaves more only stands in for something
+MOST = 0.5  # squared error beside the noise that a member leaves, of that without it
 OF_THE_REST = 0.25  # squared error beside the noise, of what a table took off, that is little
 AGAIN = 3  # times that what was refused beside something faint is tried
 WEAK, SHADOW = 16.0, 15.0  # d' and log-likelihood that leave an effect in doubt beside such laws
@@ -272,6 +273,7 @@ def idle(search: Search) -> bool:
                 kept = search.helps(less, search.fitted) and sure.get(id, BESIDE) >= BESIDE
                 kept = kept or like_no_other(search.fitted, less)
                 kept = kept or (id in tables and not unknown and _takes_the_rest(search, less, id))
+                kept = kept or _takes_most(search, less)
                 kept = kept and not (id in tables and _stands_in(search, less, unknown, left_over))
             else:
                 ratio = search.error(0, search.fitted) / max(search.error(0, less), 1e-12)
@@ -333,6 +335,16 @@ def _stands_in(search: Search, less: Fitted, unknown_nm: float, left_over: bool)
     took = search.error(0, less) ** 2 - search.error(0, search.fitted) ** 2
     left = max(_left(search) if left_over and far_off(search) else 0.0, unknown_nm**2)
     return left > OF_WHAT_IT_TOOK * took
+
+
+def _takes_most(search: Search, less: Fitted) -> bool:
+    """Whether a plain member takes off most of what was held out beside the noise.
+
+    Of two recordings an interval of what it gains may be as wide as that is large.
+    """
+    noise = search.noise_nm**2
+    without, left = (max(search.error(0, f) ** 2 - noise, 0.0) for f in (less, search.fitted))
+    return left <= MOST * without and search.fitted.evidence > less.evidence + PLAIN
 
 
 def _takes_the_rest(search: Search, less: Fitted, id: str) -> bool:
