@@ -54,7 +54,7 @@ from piezo_rig.diagnosis.memory import give_back
 from piezo_rig.diagnosis.offsets import recording_offsets
 from piezo_rig.diagnosis.refit import settle
 from piezo_rig.diagnosis.refusals import BESIDE
-from piezo_rig.diagnosis.ripples import DriveRipple, Ripple, find_drive_ripple, find_ripple
+from piezo_rig.diagnosis.ripples import find_drive_ripple, find_ripple
 from piezo_rig.diagnosis.rungs import Gain, by_laws_nm, rungs_of
 from piezo_rig.diagnosis.scan import LEVEL
 from piezo_rig.diagnosis.slips import slips
@@ -356,7 +356,7 @@ def _rest(
     rest = unexplained(space, last, noise_nm, by_laws_nm(rungs), turns.rng, left_nm)
     line = find_line(clean, model)
     rest = with_line(rest, line, floor, _frequencies(clean))
-    ripple: Ripple | DriveRipple | None = turns.aside
+    ripple = turns.aside
     if ripple is None and (line is None or line.p_value > LEVEL):  # which is one at one speed
         ripple = find_ripple(clean, model) or find_drive_ripple(clean, model)
     rest = with_ripple(rest, ripple, floor or space.sample_noise_nm)

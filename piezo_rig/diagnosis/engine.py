@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from piezo_rig.chain import Model
+from piezo_rig.chain.bend import Bend
 from piezo_rig.diagnosis import dictionary
 from piezo_rig.diagnosis.dictionary import Scales
 from piezo_rig.diagnosis.fit import Point
@@ -222,3 +223,12 @@ def plain_space(groups: Groups, model: Model, bare: bool = False) -> Space:
 def plainly(groups: Groups, point: Point) -> Fitted:
     """A point fitted by least squares with white noise."""
     return refit(plain_space(groups, point.model, not point.sizes), point)
+
+
+def with_a_bend(groups: Groups, point: Point) -> Point | None:
+    """The same with a memoryless bend, fitted so; None where it has one, or is held as it is."""
+    if point.fixed or point.model.stage(Bend.id) is not None:
+        return None
+    scales = scales_of(groups)
+    bent = point.model.with_stage(Bend.none(scales.low_v, scales.span_v))
+    return plainly(groups, Point(bent, (), point.sizes)).point

@@ -19,7 +19,7 @@ RIPPLE = "ripple"  # the rung from which on one is set aside
 NO_FINDINGS = {
     **dict.fromkeys((Bend.id, InputBend.id, OutputBend.id), "part of the base model"),
     REFITTED: "follows the data from here on",
-    RIPPLE: "an error over displacement, set aside",
+    RIPPLE: "an error with a period of its own, set aside",
 }
 
 

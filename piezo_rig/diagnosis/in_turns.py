@@ -35,13 +35,13 @@ from piezo_rig.diagnosis.early import (
 )
 from piezo_rig.diagnosis.early.mended import DROP, JUMP
 from piezo_rig.diagnosis.early.recounted import BESIDE_ALL, PLAINLY, square_of
-from piezo_rig.diagnosis.engine import plainly
+from piezo_rig.diagnosis.engine import plainly, with_a_bend
 from piezo_rig.diagnosis.fit import Point
 from piezo_rig.diagnosis.found import RIPPLE
 from piezo_rig.diagnosis.groups import Groups
 from piezo_rig.diagnosis.patience import Patience
 from piezo_rig.diagnosis.refit import Fitted
-from piezo_rig.diagnosis.ripples import Ripple, set_aside, without
+from piezo_rig.diagnosis.ripples import AnyRipple, Aside, set_aside, without
 from piezo_rig.diagnosis.scale import at_one_phase, read_anew
 from piezo_rig.diagnosis.scan import LEVEL
 from piezo_rig.run_file.sweep import Sweep
@@ -71,7 +71,7 @@ class InTurns:
     start : the baseline, fitted to what is clean by now
     between : whether the drive is known to turn between samples
     early : what was found wrong with the recordings themselves, in order
-    aside : an error that comes back with displacement at a period of its own, if there is one
+    aside : an error that comes back with displacement or drive at a period of its own, if any
     whole, clean : without all that; with repeats also at one phase of the interferometer's error
     reading : of the drive monitor
     patience : how much was tried by now
@@ -84,7 +84,7 @@ class InTurns:
     tell: Callable[[str], None]
     between: bool
     early: list[Early] = field(default_factory=list)
-    aside: Ripple | None = None
+    aside: AnyRipple | None = None
     reading: Reading | None = None
     notes: list[str] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
@@ -172,11 +172,17 @@ class InTurns:
             self.warnings += self.reading.warnings
 
     def _set_aside(self) -> None:
-        """An error that comes back with displacement, and has no name."""
-        found = set_aside(
-            self.whole, self.start.point, lambda groups, p: plainly(groups, p).point,
-            SHARE * LEVEL / self.tried,
-        )  # fmt: skip
+        """An error that comes back with displacement or drive, and has no name."""
+        def beside(base: Point | None) -> Aside | None:
+            if base is None:
+                return None
+            return set_aside(
+                self.whole, base, lambda groups, p: plainly(groups, p).point,
+                SHARE * LEVEL / self.tried,
+            )  # fmt: skip
+
+        # a base that lacks a bend leaves far more than a ripple is
+        found = beside(self.start.point) or beside(with_a_bend(self.whole, self.start.point))
         if found is not None:
             self.aside, self.whole = found.ripple, found.groups
             self.start = plainly(self.whole, self.start.point)

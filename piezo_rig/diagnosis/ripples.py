@@ -1,10 +1,11 @@
-"""Errors that repeat with displacement, at any period: a scale's grating, an interpolator, a screw.
+"""Errors that repeat with displacement, at any period: a scale's grating, an interpolator, a screw;
+or with the drive: a converter whose steps are not alike.
 
 No cause of the catalogue but at half a wavelength, so at most "unexplained"; sought in what a model
 leaves, as lines are in clock time. What the base model is wrong by goes with the drive since it
-turned, and is no line over displacement that rises and falls alike. Such an error is set aside
-before causes are looked for, which would be taken for it: no element of a base can follow it, but
-many laws can a little.
+turned, and is no line over displacement or drive that rises and falls alike. Such an error is set
+aside before causes are looked for, which would be taken for it: no element of a base can follow it,
+but many laws can a little.
 """
 
 from __future__ import annotations
@@ -32,6 +33,7 @@ ORDERS_OFF = 3  # that are taken off
 LONG = 0.5  # of the furthest travel
 ORDERS = 0.5, 1.5, 2.0, 3.0  # of a line, where others of the same ripple may be
 PARTS, AGREE = 3, 0.8  # of the travel; of their power, that is left where they are added up
+UNLIKE = 0.5  # of a line's power, that rising and falling differ by at most
 NEAR, LESS = 3.0, 0.8  # times others' power, to be tried; squared error that it must leave then
 JOINTLY, STILL = 12, 0.01  # turns of fitting base and ripple, until so little changes
 LEAST_PERIODS = 3.0  # over the travel of a block, for its share to be told from elements
@@ -50,9 +52,23 @@ class Ripple:
     over: ClassVar[str] = "displacement"
 
     @property
+    def period(self) -> float:
+        return self.period_um
+
+    @property
+    def often(self) -> str:
+        """Its period in words."""
+        return f"{1e3 * self.period_um:.4g} nm"
+
+    @staticmethod
+    def along(group: Group, predicted: FloatArray) -> FloatArray:
+        """What it repeats with, in the unit of its period, (n,)."""
+        return predicted
+
+    @property
     def text(self) -> str:
         ratio = self.period_um / HALF_WAVE_UM
-        text = f"an error that comes back every {1e3 * self.period_um:.4g} nm of displacement"
+        text = f"an error that comes back every {self.often} of displacement"
         if abs(ratio - 1.0) > SCALE_OFF:
             return text
         return (f"{text}; an interferometer's comes every {1e3 * HALF_WAVE_UM:.4g} nm, and would "
@@ -67,21 +83,38 @@ class DriveRipple:
     period_v: float
     rms_nm: float
     p_value: float
-    period_um: ClassVar[None] = None
     over: ClassVar[str] = "drive"
 
     @property
+    def period(self) -> float:
+        return self.period_v
+
+    @property
+    def often(self) -> str:
+        """Its period in words."""
+        return f"{self.period_v:.3g} V"
+
+    @staticmethod
+    def along(group: Group, predicted: FloatArray) -> FloatArray:
+        """What it repeats with, in the unit of its period, (n,)."""
+        return group.drive_v
+
+    @property
     def text(self) -> str:
-        return (f"an error that comes back every {self.period_v:.3g} V of the drive, as of a "
+        return (f"an error that comes back every {self.often} of the drive, as of a "
                 "generator whose steps are not alike")  # fmt: skip
+
+
+AnyRipple = Ripple | DriveRipple
 
 
 @dataclass(frozen=True, eq=False)
 class Aside:
-    """A ripple, and recordings without it."""
+    """A ripple, recordings without it, and what a baseline leaves of these, um^2."""
 
-    ripple: Ripple
+    ripple: AnyRipple
     groups: Groups
+    left: float
 
 
 def set_aside(
@@ -89,30 +122,44 @@ def set_aside(
 ) -> Aside | None:
     """What a baseline leaves of a ripple, taken off by turns with what the baseline made of it.
 
-    None without a plain one, and where it is the interferometer's own, which has a name.
+    Over displacement or over the drive, whichever leaves less. None without a plain one, and where
+    it is the interferometer's own, which has a name.
 
     ``level`` : family-wise chance of a false alarm
     """
-    ripple = find_ripple(groups, point.model, NEAR)
+    own = find_ripple(groups, point.model)
+    if own is not None and _of_half_a_wave(own, groups):
+        return None
+    found = [_set_aside(find, groups, point, refitted, level)
+             for find in (find_ripple, find_drive_ripple)]  # fmt: skip
+    return min((f for f in found if f is not None), key=lambda f: f.left, default=None)
+
+
+def _set_aside(
+    find: Callable[[Groups, Model, float], AnyRipple | None], groups: Groups, point: Point,
+    refitted: Callable[[Groups, Point], Point], level: float,
+) -> Aside | None:  # fmt: skip
+    ripple = find(groups, point.model, NEAR)
     if ripple is None or _of_half_a_wave(ripple, groups):
         return None
     before, clean = _square(groups, point.model), without(groups, point.model, ripple)
-    plain = find_ripple(groups, point.model)
+    plain = find(groups, point.model, FAR)
     taken_nm = 0.0
     for _ in range(JOINTLY):  # what the base has taken of it is given back
         point = refitted(clean, point)
-        ripple = find_ripple(groups, point.model, NEAR) or ripple
+        ripple = find(groups, point.model, NEAR) or ripple
         clean = without(groups, point.model, ripple)
         before_nm, taken_nm = taken_nm, _taken_nm(groups, clean)
         if abs(taken_nm - before_nm) < STILL * taken_nm:
             break
+    left = _square(clean, refitted(clean, point).model)
     if plain is None or plain.p_value > level:
-        plain = find_ripple(groups, point.model)
-        if _square(clean, refitted(clean, point).model) > LESS * before:
+        plain = find(groups, point.model, FAR)
+        if left > LESS * before:
             return None
     if plain is None or plain.p_value > level or _of_half_a_wave(ripple, groups):
         return None
-    return Aside(replace(ripple, rms_nm=taken_nm), clean)
+    return Aside(replace(ripple, rms_nm=taken_nm), clean, left)
 
 
 def _square(groups: Groups, model: Model) -> float:
@@ -124,13 +171,13 @@ def _square(groups: Groups, model: Model) -> float:
     return total
 
 
-def without(groups: Groups, model: Model, ripple: Ripple) -> Groups:
+def without(groups: Groups, model: Model, ripple: AnyRipple) -> Groups:
     """Recordings less what is best explained by a ripple of that period.
 
     All blocks together, as they stand where all begin at one place of the sensor's scale; where
     they do not, block by block, and short ones not at all.
     """
-    pieces = [_Piece.of(g, g.predicted(model), ripple.period_um) for g in groups.groups]
+    pieces = [_Piece.of(g, g.predicted(model), ripple) for g in groups.groups]
     shares = _shares([x for p in pieces for x in p.columns], [y for p in pieces for y in p.left])
     lasting = [
         (x, y) for p in pieces for x, y, n in zip(p.columns, p.left, p.periods, strict=True)
@@ -157,17 +204,17 @@ class _Piece:
     periods: list[float]
 
     @classmethod
-    def of(cls, group: Group, predicted: FloatArray, period_um: float) -> _Piece:
+    def of(cls, group: Group, predicted: FloatArray, ripple: AnyRipple) -> _Piece:
         left = group.measured_um.mean(axis=0) - predicted
-        columns = []
+        along, columns = ripple.along(group, predicted), []
         for a, b in group.blocks:
-            angle = 2.0 * np.pi / period_um * np.arange(1, ORDERS_OFF + 1)[:, None]
-            both = np.concatenate([np.sin(angle * predicted[a:b]), np.cos(angle * predicted[a:b])])
+            angle = 2.0 * np.pi / ripple.period * np.arange(1, ORDERS_OFF + 1)[:, None]
+            both = np.concatenate([np.sin(angle * along[a:b]), np.cos(angle * along[a:b])])
             columns.append(both - both.mean(axis=1, keepdims=True))
         return cls(
             predicted.size, group.blocks, columns,
             [left[a:b] - left[a:b].mean() for a, b in group.blocks],
-            [float(np.ptp(predicted[a:b])) / period_um for a, b in group.blocks],
+            [float(np.ptp(along[a:b])) / ripple.period for a, b in group.blocks],
         )  # fmt: skip
 
     def off(self, shares: FloatArray | None) -> FloatArray:
@@ -195,8 +242,10 @@ def _taken_nm(groups: Groups, clean: Groups) -> float:
     return 1e3 * float(np.sqrt(np.mean(np.concatenate(changes) ** 2)))
 
 
-def _of_half_a_wave(ripple: Ripple, groups: Groups) -> bool:
+def _of_half_a_wave(ripple: AnyRipple, groups: Groups) -> bool:
     """Whether it is one of the first two orders of the interferometer's error."""
+    if not isinstance(ripple, Ripple):
+        return False
     resolution = ripple.period_um**2 / groups.travel_um
     return any(
         abs(ripple.period_um - HALF_WAVE_UM / order) < SAME * resolution for order in (1, 2)
@@ -208,22 +257,14 @@ def find_ripple(groups: Groups, model: Model, far: float = FAR) -> Ripple | None
 
     ``far`` : times their power
     """
-    found = _line(groups, model, _by_displacement, STEP_UM, far)
+    found = _line(groups, model, Ripple.along, STEP_UM, far)
     return found and Ripple(*found)
 
 
-def find_drive_ripple(groups: Groups, model: Model) -> DriveRipple | None:
+def find_drive_ripple(groups: Groups, model: Model, far: float = FAR) -> DriveRipple | None:
     """The same over the drive."""
-    found = _line(groups, model, _by_drive, STEP_V, FAR)
+    found = _line(groups, model, DriveRipple.along, STEP_V, far)
     return found and DriveRipple(*found)
-
-
-def _by_displacement(group: Group, predicted: FloatArray) -> FloatArray:
-    return predicted
-
-
-def _by_drive(group: Group, predicted: FloatArray) -> FloatArray:
-    return group.drive_v
 
 
 def _line(
@@ -231,9 +272,10 @@ def _line(
     far: float,
 ) -> tuple[float, float, float] | None:  # fmt: skip
     """Period, rms in nm and chance of a line over whatever a group says, in steps of that."""
-    rows = [row for g in groups.groups for row in _rows(g, model, over, step)]
-    furthest = max((float(r.time_s[-1]) for r in rows), default=0.0)
-    rows = [r for r in rows if r.time_s[-1] >= LONG * furthest]  # lines of others are wide
+    ways = [w for g in groups.groups for w in _rows(g, model, over, step)]
+    furthest = max((float(w.alike.time_s[-1]) for w in ways), default=0.0)
+    ways = [w for w in ways if w.alike.time_s[-1] >= LONG * furthest]  # lines of others are wide
+    rows = [w.alike for w in ways]
     if not rows:
         return None
     step = min(float(r.time_s[1] - r.time_s[0]) for r in rows)
@@ -246,7 +288,7 @@ def _line(
         return None
     plainest = max(rows, key=lambda r: float(r.power(found.f[k])) * r.values.size)
     periods = summit(plainest, float(found.f[k]))
-    if not _goes_on(rows, periods):
+    if not (_goes_on(rows, periods) and _rise_as_they_fall(ways, periods)):
         return None
     chance = min(float(found.chance[k]) * found.f.size, 1.0)
     return 1.0 / periods, 1e3 * float(np.sqrt(0.5 * found.power[k])), chance
@@ -277,10 +319,8 @@ def _overtones(f: FloatArray, of: float, width: float) -> NDArray[np.bool_]:
 
 def _rows(
     group: Group, model: Model, over: Callable[[Group, FloatArray], FloatArray], least: float
-) -> list[Row]:
-    """What a model leaves of every block's mean over displacement or drive, rising and falling
-    alike, in steps of that.
-    """
+) -> list[_Ways]:
+    """What a model leaves of every block's mean over displacement or drive, in steps of that."""
     predicted = group.predicted(model)
     left = group.measured_um.mean(axis=0) - predicted
     along, rows = over(group, predicted), []
@@ -294,16 +334,43 @@ def _rows(
         up = np.gradient(x) > 0.0
         both = [_averages(at[way], y[way], steps) for way in (up, ~up) if way.any()]
         both = [means for means in both if np.mean(np.isfinite(means)) > FILLED]
-        if not both:
-            continue
-        known = np.array([np.isfinite(m) for m in both])
-        total = np.where(known, both, 0.0).sum(axis=0)
-        count = known.sum(axis=0)
-        k = np.arange(steps)
-        there = count > 0
-        values = np.interp(k, k[there], total[there] / count[there])
-        rows.append(Row(np.asarray(step * k, dtype=np.float64), np.asarray(values), 1.0))
+        if both:
+            rows.append(_Ways.of(np.asarray(step * np.arange(steps), dtype=np.float64), both))
     return rows
+
+
+@dataclass(frozen=True, eq=False)
+class _Ways:
+    """Of one block, over the steps: what rising and falling have alike, and half of what they
+    differ by, if there are both.
+    """
+
+    alike: Row
+    unlike: Row | None
+
+    @classmethod
+    def of(cls, at: FloatArray, both: Sequence[FloatArray]) -> _Ways:
+        known = np.array([np.isfinite(m) for m in both])
+        count = known.sum(axis=0)
+        there = count > 0
+        mean = np.where(known, both, 0.0).sum(axis=0)[there] / count[there]
+        alike = Row(at, np.asarray(np.interp(at, at[there], mean)), 1.0)
+        if len(both) < 2:
+            return cls(alike, None)
+        up, down = (np.interp(at, at[k], m[k]) for m, k in zip(both, known, strict=True))
+        return cls(alike, Row(at, np.asarray(0.5 * (up - down)), 1.0))
+
+
+def _rise_as_they_fall(ways: Sequence[_Ways], periods: float) -> bool:
+    """Whether a line is much the same on both ways, in all blocks together.
+
+    Kinks of an actuator's sliders that are evenly far apart come back with the drive as well, on
+    the way down at other volts, or with the other sign.
+    """
+    pairs = [(w.alike, w.unlike) for w in ways if w.unlike is not None]
+    alike = sum(abs(row.line(periods)) ** 2 for row, _ in pairs)
+    unlike = sum(abs(row.line(periods)) ** 2 for _, row in pairs)
+    return unlike <= UNLIKE * alike
 
 
 def _averages(at: NDArray[np.int_], values: FloatArray, steps: int) -> FloatArray:

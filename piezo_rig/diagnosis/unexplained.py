@@ -17,7 +17,7 @@ from piezo_rig.diagnosis.likelihood import Likelihood
 from piezo_rig.diagnosis.linear import Linear
 from piezo_rig.diagnosis.reduction import Reduced, reduce
 from piezo_rig.diagnosis.refit import Fitted
-from piezo_rig.diagnosis.ripples import DriveRipple, Ripple
+from piezo_rig.diagnosis.ripples import AnyRipple
 from piezo_rig.diagnosis.scan import LEVEL
 from piezo_rig.diagnosis.scores import score_generic
 from piezo_rig.diagnosis.slips import Slips
@@ -51,7 +51,7 @@ NEAR_OWN = 0.03  # of a drive's frequency, within which a line is its own
 class Unexplained:
     """The verdict on the rest; sizes in nm with the noise taken out.
 
-    ``period_um`` : of an error that comes back with displacement
+    ``ripple`` : the error that comes back with displacement or drive
     """
 
     detected: bool
@@ -60,7 +60,7 @@ class Unexplained:
     allowance_nm: float
     depends_on: list[str]
     text: str
-    period_um: float | None = None
+    ripple: AnyRipple | None = None
 
 
 def unexplained(
@@ -181,7 +181,7 @@ def with_line(
 
 
 def with_ripple(
-    rest: Unexplained, ripple: Ripple | DriveRipple | None, noise_nm: float
+    rest: Unexplained, ripple: AnyRipple | None, noise_nm: float
 ) -> Unexplained:
     """The verdict with an error that comes back with displacement or drive, at a period of its own.
     """
@@ -193,7 +193,7 @@ def with_ripple(
         return rest
     # of what was there before it is a part
     rms_nm = max(rest.rms_nm, ripple.rms_nm) if rest.detected else found.rms_nm
-    return replace(found, rms_nm=rms_nm, period_um=ripple.period_um)
+    return replace(found, rms_nm=rms_nm, ripple=ripple)
 
 
 def with_gain(

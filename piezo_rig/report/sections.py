@@ -213,10 +213,13 @@ def rest_html(found: Diagnosis, residuals: Residuals | None) -> str:
 
 
 def _ripple(found: Diagnosis, residuals: Residuals) -> str:
-    """What comes back with displacement: before it was set aside and after, or what is left."""
-    if found.unexplained.period_um is None:
+    """What comes back with displacement or drive: before it was set aside and after, or what is
+    left.
+    """
+    ripple = found.unexplained.ripple
+    if ripple is None:
         return ""
-    view, words = ripple_view(found.unexplained.period_um), _floor_words(found)
+    view, words = ripple_view(ripple.over, ripple.period), _floor_words(found)
     at = next((i for i, r in enumerate(found.rungs) if r.added == RIPPLE), None)
     if at is None:
         return figure_html(_last(found, residuals, residuals.rungs - 1, view), view.text + words)

@@ -171,7 +171,9 @@ def _base(d: Diagnosis) -> str:
     if not most or fall(most) < MOST * (d.rungs[0].rms_nm - d.rungs[-1].rms_nm):
         return ""
     rung: Rung = d.rungs[most]
-    what = "an error that comes back with displacement, set aside" if rung.added == RIPPLE else (
+    ripple = d.unexplained.ripple
+    over = ripple.over if ripple is not None else "displacement"
+    what = f"an error that comes back with {over}, set aside" if rung.added == RIPPLE else (
         f"{rung.added}, a part of the base model that the baseline lacks and no fault"
     )  # fmt: skip
     return f" Most of that went with {what}."
@@ -188,7 +190,7 @@ def _remains(d: Diagnosis) -> str:
     rest = d.unexplained
     on = [TOLD.get(w, w) for w in rest.depends_on]
     goes = f", which goes with {listed(on)}" if on else ""
-    often = f", every {1e3 * rest.period_um:.4g} nm" if rest.period_um is not None else ""
+    often = f", every {rest.ripple.often}" if rest.ripple is not None else ""
     size = f"{float(f'{rest.rms_nm:.2g}'):g}\N{NO-BREAK SPACE}nm"  # as the text of it says it
     said = f"Something remains that no known cause explains: {size} rms{goes}{often}."
     if d.tried_in_vain:

@@ -267,10 +267,15 @@ def rest_views(depends_on: Sequence[str]) -> list[View]:
     return list(dict.fromkeys([_DRIVE, _LAST, *(REST[w] for w in depends_on if w in REST)]))
 
 
-def ripple_view(period_um: float) -> View:
-    """What comes back with displacement."""
-    return _folded(period_um, "", "What comes back so often adds up here, while everything else "
-                                  "averages out.")  # fmt: skip
+def ripple_view(over: str, period: float) -> View:
+    """What comes back with displacement, every so many um, or with the drive, every so many V."""
+    text = "What comes back so often adds up here, while everything else averages out."
+    if over != "drive":
+        return _folded(period, "", text)
+    return View(
+        lambda s: np.mod(s.drive_v, period),
+        f"drive modulo {period:.4g} V (V)", "V", _all, text,
+    )  # fmt: skip
 
 
 def y_label(view: View) -> str:

@@ -7,7 +7,7 @@ import pytest
 
 from piezo_rig.causes import named_model
 from piezo_rig.diagnosis import diagnose
-from piezo_rig.diagnosis.engine import plain_space, plainly
+from piezo_rig.diagnosis.engine import plain_space, plainly, with_a_bend
 from piezo_rig.diagnosis.fit import Point, starting_model
 from piezo_rig.diagnosis.grouping import group_tracks
 from piezo_rig.diagnosis.refit import refit
@@ -110,12 +110,49 @@ def test_a_converter_whose_steps_are_not_alike_is_seen(period_v):
     assert f"every {found.period_v:.3g} V of the drive" in found.text
 
 
+def converter(x, drive, t):
+    return x + 1e-3 * np.sin(2.0 * np.pi * drive / 4.4 + 0.4)
+
+
+def aside(groups, point):
+    return set_aside(groups, point, lambda groups, p: plainly(groups, p).point, 1e-3)
+
+
+def test_one_over_the_drive_is_set_aside_beside_a_bend_that_the_base_lacks():
+    """The bend leaves forty times as much, with kinks of the elements that make up for it."""
+    groups, point = classical(recordings(
+        effect=lambda x, drive, t: converter(x, drive, t) + 0.4 * (drive / 75.0) ** 4
+    ))  # fmt: skip
+    assert aside(groups, point) is None
+    found = aside(groups, with_a_bend(groups, point))
+    assert found.ripple.over == "drive"
+    assert found.ripple.period_v == pytest.approx(4.4, rel=0.02)
+    assert found.ripple.rms_nm == pytest.approx(1.0 / np.sqrt(2.0), rel=0.1)
+    drive = groups.groups[0].drive_v
+    off = (groups.groups[0].measured_um - found.groups.groups[0].measured_um)[0]
+    error = converter(0.0, drive, 0.0)
+    assert np.std(off - error) < 0.2 * np.std(error)
+
+
+@pytest.mark.study
+def test_beside_one_over_the_drive_a_drift_is_found_and_nothing_else():
+    found = diagnose(recordings(
+        effect=converter, sensor=lambda x, t, rng: x + 5e-3 * (t - t[0])
+    ))  # fmt: skip
+    assert [f.cause for f in found.findings] == ["thermal-drift"]
+    assert found.unexplained.detected
+    assert found.unexplained.depends_on == ["drive"]
+    assert [r.added for r in found.rungs] == ["classical", "ripple", "thermal-drift"]
+
+
 @pytest.mark.parametrize("kind", [
     "null", "creep", "extremum-dependence", "direction-asymmetry",
 ])  # fmt: skip
 @pytest.mark.parametrize("protocol", first_of(1, ["matrix", "holds", "rates"]))
 def test_what_a_model_gets_wrong_is_no_ripple_of_the_drive(kind, protocol):
-    assert drive_ripple(draw(kind, 4022, protocol, "white", 100.0, 2).sweeps) is None
+    sweeps = draw(kind, 4022, protocol, "white", 100.0, 2).sweeps
+    assert drive_ripple(sweeps) is None
+    assert aside(*classical(sweeps)) is None
 
 
 @pytest.mark.parametrize("apart_v", [2.5, 5.0])
@@ -132,3 +169,6 @@ def test_thresholds_that_are_evenly_far_apart_make_none(apart_v):
             condition=f"to {top:g} V", repeat=number // len(tops) + 1,
         ))  # fmt: skip
     assert drive_ripple(sweeps) is None
+    groups, point = classical(sweeps)
+    assert aside(groups, point) is None
+    assert aside(groups, with_a_bend(groups, point)) is None
