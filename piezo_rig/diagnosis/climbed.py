@@ -50,7 +50,7 @@ from piezo_rig.diagnosis.reaches import Intervals, Known, at_their_reaches
 from piezo_rig.diagnosis.refit import Fitted, refit, settle
 from piezo_rig.diagnosis.scale import on_one_scale
 from piezo_rig.diagnosis.space import Space
-from piezo_rig.diagnosis.spare import faded
+from piezo_rig.diagnosis.spare import faded, one_by_one
 from piezo_rig.diagnosis.wandering import AGEING
 from piezo_rig.diagnosis.warming import without_settling
 from piezo_rig.diagnosis.whitening import CellWhitener
@@ -215,6 +215,22 @@ def climbed(
         tell("recordings as if made at the same count of cycles")
         same = of_one_history(clean, aged)
         out = _climbed(same, start, rng, tell, others, reading, patience, told=(aged, chance))
+    return out
+
+
+def fitted_anew(
+    search: Climbed, last: Fitted, tell: Callable[[str], None]
+) -> Climbed:
+    """The same ladder in the space of other recordings of the same drives.
+
+    ``last`` : its last model, fitted there
+    """
+    out = replace(search, space=last.space, first=refit(last.space, search.first.point), _known={})
+    steps = [*search.ladder.steps]
+    steps[-1] = replace(steps[-1], fitted=last)
+    out.ladder = replace(
+        search.ladder, first=out.first, steps=tuple(one_by_one(last.space, steps, tell))
+    )
     return out
 
 

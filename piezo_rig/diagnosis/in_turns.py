@@ -20,7 +20,7 @@ from piezo_rig.causes.clock_ratio import ClockRatio
 from piezo_rig.chain import Model
 from piezo_rig.diagnosis.abreast import both
 from piezo_rig.diagnosis.between import turn_between
-from piezo_rig.diagnosis.climbed import PERIODIC, Climbed, climbed
+from piezo_rig.diagnosis.climbed import PERIODIC, Climbed, climbed, fitted_anew
 from piezo_rig.diagnosis.early import (
     HUM,
     TRIED,
@@ -39,6 +39,7 @@ from piezo_rig.diagnosis.engine import plainly, with_a_bend
 from piezo_rig.diagnosis.fit import Point
 from piezo_rig.diagnosis.found import RIPPLE
 from piezo_rig.diagnosis.groups import Groups
+from piezo_rig.diagnosis.left_creeping import less_what_creeps_on
 from piezo_rig.diagnosis.patience import Patience
 from piezo_rig.diagnosis.refit import Fitted
 from piezo_rig.diagnosis.ripples import AnyRipple, Aside, set_aside, without
@@ -50,6 +51,7 @@ FloatArray = NDArray[np.float64]
 SHARE = 0.2  # of the false alarms that a search of the raw recordings may take
 READ_ANEW = 2  # times
 FAR_OFF = 3.0  # times the noise
+MUCH = 50.0  # log-likelihood by which recordings have changed so that others may be found in them
 DIFFER = 0.6745 * np.sqrt(2.0)  # of the noise, by which half of all samples differ from the next
 
 
@@ -138,6 +140,7 @@ class InTurns:
         if turn_between(self.search.space, self.search.ladder.last, weary=weary):
             raise TurnsBetween(self.search.ladder.last.point.model)
         self._phases_anew()
+        self._less_what_creeps_on()
 
     def _begin(self) -> None:
         """What the recordings show by themselves, beside the baseline."""
@@ -301,6 +304,23 @@ class InTurns:
         self.clean = at_one_phase(self.whole, better.without(PERIODIC))
         self.start = plainly(self.clean, self.start.point)
         self._climb()
+
+    def _less_what_creeps_on(self) -> None:
+        """What creep of the recordings before still does in one is taken off, and the ladder fitted
+        anew; climbed anew where that is much, or the drive monitor's.
+        """
+        last = self.search.ladder.last
+        found = less_what_creeps_on(last, self.clean)
+        if found is None:
+            return
+        self.tell("recordings without what creeps on from those before")
+        self.clean = found.groups
+        self.notes.append("creep goes on from one recording to the next: what it leaves in them, "
+                          "by the times at which they begin, is taken off")  # fmt: skip
+        if self.search.monitored or found.fitted.evidence > last.evidence + MUCH:
+            self._climb()
+        else:
+            self.search = fitted_anew(self.search, found.fitted, self.tell)
 
     def _phases_anew(self) -> None:
         """Phases were read beside all that the baseline leaves; most of that is explained now."""
