@@ -173,9 +173,9 @@ def _base(d: Diagnosis) -> str:
     rung: Rung = d.rungs[most]
     ripple = d.unexplained.ripple
     over = ripple.over if ripple is not None else "displacement"
-    what = f"an error that comes back with {over}, set aside" if rung.added == RIPPLE else (
-        f"{rung.added}, a part of the base model that the baseline lacks and no fault"
-    )  # fmt: skip
+    what = f"{rung.added}, a part of the base model that the baseline lacks and no fault"
+    if rung.added == RIPPLE:
+        what = f"an error that comes back with {TOLD.get(over, over)}, set aside"
     return f" Most of that went with {what}."
 
 
