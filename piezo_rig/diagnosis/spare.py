@@ -344,7 +344,7 @@ def _takes_most(search: Search, less: Fitted) -> bool:
     """
     noise = search.noise_nm**2
     without, left = (max(search.error(0, f) ** 2 - noise, 0.0) for f in (less, search.fitted))
-    return left <= MOST * without and search.fitted.evidence > less.evidence + PLAIN
+    return left < MOST * without and search.fitted.evidence > less.evidence + PLAIN
 
 
 def _takes_the_rest(search: Search, less: Fitted, id: str) -> bool:

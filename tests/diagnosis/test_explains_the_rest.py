@@ -85,6 +85,7 @@ def test_what_says_much_is_dropped_only_if_it_does_harm_beyond_doubt(gained, har
     (140.0, 300.0, 9000.0, True),  # the micromanipulator's delay, of noise of 75 nm
     (140.0, 300.0, 20.0, False),  # which nothing but that says
     (140.0, 160.0, 9000.0, False),  # some of it
+    (70.0, 74.0, 9000.0, False),  # there is nothing beside the noise, with it or without
 ])  # fmt: skip
 def test_what_takes_most_of_it_is_kept_however_few_the_recordings(
     with_it_nm, without_nm, gained, kept
