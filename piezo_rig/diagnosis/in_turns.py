@@ -42,7 +42,7 @@ from piezo_rig.diagnosis.groups import Groups
 from piezo_rig.diagnosis.left_creeping import less_what_creeps_on
 from piezo_rig.diagnosis.patience import Patience
 from piezo_rig.diagnosis.refit import Fitted
-from piezo_rig.diagnosis.ripples import AnyRipple, Aside, set_aside, without
+from piezo_rig.diagnosis.ripples import AnyRipple, left_of, set_aside, without
 from piezo_rig.diagnosis.scale import at_one_phase, read_anew
 from piezo_rig.diagnosis.scan import LEVEL
 from piezo_rig.run_file.sweep import Sweep
@@ -51,6 +51,7 @@ FloatArray = NDArray[np.float64]
 SHARE = 0.2  # of the false alarms that a search of the raw recordings may take
 READ_ANEW = 2  # times
 FAR_OFF = 3.0  # times the noise
+BENT = 0.7  # squared error with a bend, of that without it, from which on the base has one
 MUCH = 50.0  # log-likelihood by which recordings have changed so that others may be found in them
 DIFFER = 0.6745 * np.sqrt(2.0)  # of the noise, by which half of all samples differ from the next
 
@@ -176,16 +177,16 @@ class InTurns:
 
     def _set_aside(self) -> None:
         """An error that comes back with displacement or drive, and has no name."""
-        def beside(base: Point | None) -> Aside | None:
-            if base is None:
-                return None
-            return set_aside(
-                self.whole, base, lambda groups, p: plainly(groups, p).point,
-                SHARE * LEVEL / self.tried,
-            )  # fmt: skip
-
-        # a base that lacks a bend leaves far more than a ripple is
-        found = beside(self.start.point) or beside(with_a_bend(self.whole, self.start.point))
+        base, bent = self.start.point, with_a_bend(self.whole, self.start.point)
+        # a base that lacks a bend leaves more than a ripple is, with kinks that come back like one
+        if bent is not None and left_of(self.whole, bent.model) < BENT * left_of(
+            self.whole, base.model
+        ):
+            base = bent
+        found = set_aside(
+            self.whole, base, lambda groups, p: plainly(groups, p).point,
+            SHARE * LEVEL / self.tried,
+        )  # fmt: skip
         if found is not None:
             self.aside, self.whole = found.ripple, found.groups
             self.start = plainly(self.whole, self.start.point)

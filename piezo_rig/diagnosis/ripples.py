@@ -142,7 +142,7 @@ def _set_aside(
     ripple = find(groups, point.model, NEAR)
     if ripple is None or _of_half_a_wave(ripple, groups):
         return None
-    before, clean = _square(groups, point.model), without(groups, point.model, ripple)
+    before, clean = left_of(groups, point.model), without(groups, point.model, ripple)
     plain = find(groups, point.model, FAR)
     taken_nm = 0.0
     for _ in range(JOINTLY):  # what the base has taken of it is given back
@@ -152,7 +152,9 @@ def _set_aside(
         before_nm, taken_nm = taken_nm, _taken_nm(groups, clean)
         if abs(taken_nm - before_nm) < STILL * taken_nm:
             break
-    left = _square(clean, refitted(clean, point).model)
+    else:  # the more is taken off, the more the base makes up for: it was the base's own
+        return None
+    left = left_of(clean, refitted(clean, point).model)
     if plain is None or plain.p_value > level:
         plain = find(groups, point.model, FAR)
         if left > LESS * before:
@@ -162,7 +164,7 @@ def _set_aside(
     return Aside(replace(ripple, rms_nm=taken_nm), clean, left)
 
 
-def _square(groups: Groups, model: Model) -> float:
+def left_of(groups: Groups, model: Model) -> float:
     """What a model leaves of the means over repeats, every block from its own mean; um^2."""
     total = 0.0
     for g in groups.groups:

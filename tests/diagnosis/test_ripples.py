@@ -11,7 +11,7 @@ from piezo_rig.diagnosis.engine import plain_space, plainly, with_a_bend
 from piezo_rig.diagnosis.fit import Point, starting_model
 from piezo_rig.diagnosis.grouping import group_tracks
 from piezo_rig.diagnosis.refit import refit
-from piezo_rig.diagnosis.ripples import find_drive_ripple, find_ripple, set_aside
+from piezo_rig.diagnosis.ripples import find_drive_ripple, find_ripple, left_of, set_aside
 from piezo_rig.identification import prepare
 from piezo_rig.studies.hidden import draw
 from tests.diagnosis.sliders import play, recorded
@@ -132,6 +132,16 @@ def test_one_over_the_drive_is_set_aside_beside_a_bend_that_the_base_lacks():
     off = (groups.groups[0].measured_um - found.groups.groups[0].measured_um)[0]
     error = converter(0.0, drive, 0.0)
     assert np.std(off - error) < 0.2 * np.std(error)
+
+
+def test_what_a_base_without_its_bend_leaves_is_none():
+    """The case that asked for it: 3.4 nm every 7.3 V, and more of it whenever it is taken off."""
+    groups, point = classical(draw("null", 9840, "holds", "1/f", 40.0, 2).sweeps)
+    assert find_drive_ripple(groups, point.model) is not None
+    assert aside(groups, point) is None
+    bent = with_a_bend(groups, point)
+    assert left_of(groups, bent.model) < 0.1 * left_of(groups, point.model)
+    assert find_drive_ripple(groups, bent.model) is None
 
 
 @pytest.mark.study
