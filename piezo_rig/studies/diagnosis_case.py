@@ -57,11 +57,11 @@ def run_case(spec: Spec) -> Row:
         return row
     row["seconds"] = round(time.perf_counter() - begin, 3)
     row |= _said(found)
-    if any(f.alternatives for f in found.findings):
-        row["not_told"] = not_told(case)
-    if case.truth.cause.startswith("stranger:"):
-        row["off_known"] = min(left_off(case)[case.truth.cause].values())
     try:
+        if any(f.alternatives for f in found.findings):
+            row["not_told"] = not_told(case)
+        if case.truth.cause.startswith("stranger:"):
+            row["off_known"] = min(left_off(case)[case.truth.cause].values())
         row |= _checked(case, found, baseline)
     except Exception as error:
         row["check_error"] = f"{type(error).__name__}: {error}"
