@@ -114,7 +114,8 @@ def find_line(groups: Groups, model: Model) -> Line | None:
         if some.any():
             k = found.likeliest(some)
             if freely or (
-                found.alone(k, seen, among) and _not_played(groups, model, float(found.f[k]))
+                found.alone(k, seen, among)
+                and _not_played(groups, model, float(found.f[k]), float(seen[k]))
             ):
                 standing.append(k)
     if not standing:
@@ -144,13 +145,20 @@ def _background(row: Row, f: FloatArray, cell: float) -> FloatArray:
     return np.asarray(level)
 
 
-def _not_played(groups: Groups, model: Model, line_hz: float) -> bool:
-    """Whether no line is there in the longest drive, nor in what it does."""
+def _not_played(groups: Groups, model: Model, line_hz: float, power: float) -> bool:
+    """Whether no line is there in the longest drive, nor in what it does, or a lesser one: a model
+    is not wrong by more than all of it.
+
+    ``power`` : of what the model leaves there, um^2
+    """
     group = max(groups.groups, key=lambda g: g.drive_v.size)
     cell = 1.0 / float(group.time_s[-1] - group.time_s[0])
-    for signal in (group.drive_v, group.predicted(model)):
+    predicted = group.predicted(model)
+    um_per_v = float(np.ptp(predicted)) / max(float(np.ptp(group.drive_v)), 1e-300)
+    around = line_hz + AROUND * cell
+    for signal in (um_per_v * group.drive_v, predicted):
         played = Row(group.time_s, signal, 1.0)
-        around = line_hz + AROUND * cell
-        if not played.power(line_hz) < FAR * float(np.mean(played.power(around[around > 0.0]))):
+        there = played.power(line_hz)
+        if there > power and there >= FAR * float(np.mean(played.power(around[around > 0.0]))):
             return False
     return True

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from piezo_rig.causes import named_model
 from piezo_rig.chain import Parameter
@@ -15,8 +16,9 @@ from piezo_rig.diagnosis.fit import Point, starting_model
 from piezo_rig.diagnosis.grouping import group_tracks
 from piezo_rig.diagnosis.refit import refit
 from piezo_rig.identification import prepare
+from piezo_rig.run_file import Sweep
 from piezo_rig.studies.hidden import draw
-from tests.diagnosis.small_bench import recordings
+from tests.diagnosis.small_bench import RATE, actuator, recordings
 
 
 def heard(kind, protocol, seed=725):
@@ -126,3 +128,23 @@ def test_what_repeats_differ_by_at_the_speed_of_their_drive_is_no_line(own_hz, h
     near = np.abs(found.f - 10.0) < 0.5
     chance = found.chance[near].min() * found.f.size
     assert (chance < 1e-6) == heard
+
+
+@pytest.mark.parametrize(("size_um", "heard"), [(4e-3, True), (0.0, False)])
+def test_a_line_louder_than_what_the_drive_does_there_is_heard(size_um, heard):
+    """Of a sum of sines hysteresis makes lines everywhere: 1.8 nm of it are at 34.1 Hz."""
+    t = np.arange(24000) / RATE
+    drive = sum(a * np.sin(2.0 * np.pi * f * t) for f, a in ((1.7, 20.0), (4.9, 10.0), (11.3, 6.0)))
+    drive = 37.0 * (1.0 + drive / np.abs(drive).max())
+    line = size_um * np.sin(2.0 * np.pi * 34.1 * t + 1.0)
+    rng = np.random.default_rng(8)
+    x = actuator()(drive) + line + lfilter([1.0], [1.0, -0.9], 1.3e-3 * rng.standard_normal(t.size))
+    groups = plain_groups([Sweep(
+        "sweep_0001", drive, x, RATE, 1.0, 0.0, 1.0, 1, 0.0, "sines", 1, "unknown", 0.0, "IMPORTED",
+    )])  # fmt: skip
+    model = Point(starting_model(groups, named_model("classical"), "classical"))
+    found = find_line(groups, refit(plain_space(groups, model.model), model).point.model)
+    assert (found is not None and found.p_value < 1e-9) == heard
+    if heard:
+        assert found.frequency == pytest.approx(34.1, abs=0.1)
+        assert found.rms_nm == pytest.approx(1e3 * size_um / np.sqrt(2.0), rel=0.3)
