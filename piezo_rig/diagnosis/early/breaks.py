@@ -25,7 +25,6 @@ from piezo_rig.diagnosis.early.shifted import differing, plain_loss
 from piezo_rig.diagnosis.early.traces import (
     Stretch,
     Whitened,
-    own_part,
     spectrum,
     stretches,
     sweep_bounds,
@@ -371,7 +370,7 @@ def _exact(search: Search, peak: Peak, mixed: bool) -> tuple[float, Break | None
 def _exactly(search: Search, peak: Peak, mixed: bool) -> tuple[float, Break | None] | None:
     stretch, white = search.stretches[peak.stretch], search.white[peak.stretch]
     group, model = search.groups.groups[stretch.group], search.predicted[stretch.group]
-    row, sign, own = peak.row, 1, own_part(group, peak.row, model)
+    row, sign, own = peak.row, 1, search.whole(stretch.group, peak.row)
     count = peak.count
     if peak.cause == JUMP and group.repeats == 2:
         # either may have jumped, the other way round: only one shows a step against the model

@@ -11,7 +11,7 @@ import numpy as np
 from piezo_rig.diagnosis.early.mended import DROP, STEP_UM, Break, lead
 from piezo_rig.diagnosis.early.peaks import GRID, Peak, Search, find_pair
 from piezo_rig.diagnosis.early.place import placed
-from piezo_rig.diagnosis.early.traces import own_part, sweep_bounds
+from piezo_rig.diagnosis.early.traces import sweep_bounds
 
 BESIDE = 12  # samples to either side, that say how large a jump is
 CLEAR = 12.0  # log-likelihood that an instant itself must be worth
@@ -37,7 +37,7 @@ def guess_of(search: Search, peaks: Sequence[Peak]) -> Break | None:
         group, model = search.groups.groups[stretch.group], search.predicted[stretch.group]
         if peak.cause != DROP or group.repeats < 2:
             continue
-        near = placed(own_part(group, peak.row, model), model, DROP, peak.at, 1, stretch)
+        near = placed(search.whole(stretch.group, peak.row), model, DROP, peak.at, 1, stretch)
         if near is None or near[3] < CLEAR or (best is not None and near[3] <= best[0]):
             continue
         before = lead(search.breaks, stretch.group, peak.row, near[0])
@@ -57,9 +57,7 @@ def at_sight(search: Search, peak: Peak) -> int:
     middle of an averaged sample.
     """
     stretch = search.stretches[peak.stretch]
-    own = own_part(
-        search.groups.groups[stretch.group], peak.row, search.predicted[stretch.group]
-    )
+    own = search.whole(stretch.group, peak.row)
     before = own[max(peak.at - stretch.factor - BESIDE, stretch.begin) : peak.at - stretch.factor]
     after = own[peak.at + stretch.factor + 1 : min(peak.at + stretch.factor + BESIDE, stretch.end)]
     if not (before.size and after.size):

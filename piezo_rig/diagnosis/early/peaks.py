@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from piezo_rig.diagnosis.chances import normal_above
+from piezo_rig.diagnosis.early.flats import bridged, standing
 from piezo_rig.diagnosis.early.mended import DROP, JUMP, STEP_UM, Break
 from piezo_rig.diagnosis.early.traces import Stretch, Whitened, own_part
 from piezo_rig.diagnosis.groups import Groups
@@ -54,9 +56,17 @@ class Search:
 
     def own(self, stretch: Stretch, row: int) -> FloatArray:
         """What a recording has of its own in a stretch, thinned."""
-        group = self.groups.groups[stretch.group]
-        whole = own_part(group, row, self.predicted[stretch.group])
-        return stretch.thinned(whole[stretch.begin : stretch.end])
+        return stretch.thinned(self.whole(stretch.group, row)[stretch.begin : stretch.end])
+
+    def whole(self, g: int, row: int) -> FloatArray:
+        """What a recording has of its own, shape (n,), but for where the sensor ends."""
+        own = own_part(self.groups.groups[g], row, self.predicted[g])
+        return bridged(own, self.standing[g])
+
+    @cached_property
+    def standing(self) -> list[NDArray[np.bool_]]:
+        """Of every group, where the sensor ends, shape (n,)."""
+        return [standing(g) for g in self.groups.groups]
 
 
 def find_peaks(search: Search) -> list[Peak]:
