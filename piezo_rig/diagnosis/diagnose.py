@@ -57,7 +57,7 @@ from piezo_rig.diagnosis.refusals import BESIDE
 from piezo_rig.diagnosis.ripples import find_drive_ripple, find_ripple
 from piezo_rig.diagnosis.rungs import Gain, by_laws_nm, rungs_of
 from piezo_rig.diagnosis.scan import LEVEL
-from piezo_rig.diagnosis.slips import slips
+from piezo_rig.diagnosis.slips import open_nm, slips
 from piezo_rig.diagnosis.unexplained import (
     Unexplained,
     unexplained,
@@ -371,7 +371,7 @@ def _rest(
     rest = with_drifting(rest, drifting(at_one_time, model))
     rest = with_bursts(rest, bursts(space.groups, model), floor)
     rest = with_levels(rest, levels(clean))
-    rest = with_slips(rest, slips(space, last), noise_nm)
+    rest = with_slips(rest, slips(space, last), noise_nm, open_nm(space, last))
     return with_band(rest, shared_band(clean, model), noise_nm)
 
 

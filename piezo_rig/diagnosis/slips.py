@@ -11,10 +11,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from piezo_rig.causes.cause import Cause
 from piezo_rig.diagnosis.chances import fisher_above
 from piezo_rig.diagnosis.groups import Group
 from piezo_rig.diagnosis.linear import Linear, Piece
-from piezo_rig.diagnosis.refit import Fitted
+from piezo_rig.diagnosis.refit import Fitted, changed_um, playable
 from piezo_rig.diagnosis.space import Space
 
 FloatArray = NDArray[np.float64]
@@ -57,6 +58,16 @@ def slips(space: Space, fitted: Fitted) -> Slips | None:
     chance = fisher_above(ratio, float(at_turns.rank), float(halfway.rank))
     step, rms = (1e3 * float(np.sqrt(real)) * x for x in (at_turns.step_um, at_turns.rms_um))
     return Slips(chance, step, rms)
+
+
+def open_nm(space: Space, fitted: Fitted) -> float:
+    """Rms of what laws of the speed may leave where the drive turns: a lag turns over there."""
+    model = fitted.point.model
+    members = [s for s in model.stages if isinstance(s, Cause) and s.of_speed]
+    without = [(s, model.without(s.id)) for s in members]
+    left = [1e3 * s.leaves * changed_um(space, less, model) for s, less in without
+            if playable(space, less)]  # fmt: skip
+    return float(np.linalg.norm(left))
 
 
 @dataclass(frozen=True)

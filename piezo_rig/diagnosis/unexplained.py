@@ -243,13 +243,18 @@ def with_wandering(rest: Unexplained, share: float, rms_nm: float) -> Unexplaine
     return _besides(rest, rest.p_value, rms_nm, least, ("clock", "displacement"), text)
 
 
-def with_slips(rest: Unexplained, found: Slips | None, noise_nm: float) -> Unexplained:
-    """The verdict with steps where the drive turns, where nothing else stands out."""
+def with_slips(
+    rest: Unexplained, found: Slips | None, noise_nm: float, open_nm: float = 0.0
+) -> Unexplained:
+    """The verdict with steps where the drive turns, where nothing else stands out.
+
+    ``open_nm`` : of such steps, what laws leave open that turn over there
+    """
     if rest.detected or found is None or found.p_value > LEVEL * LINES:
         return rest
     text = (f"the displacement steps by {_two(found.step_nm)} nm rms where the drive turns, "
             f"{_two(found.rms_nm)} nm rms in all: something slips or catches")  # fmt: skip
-    least = float(np.hypot(SEEN * noise_nm, rest.allowance_nm))
+    least = float(np.linalg.norm([SEEN * noise_nm, rest.allowance_nm, open_nm]))
     return _besides(rest, found.p_value, found.rms_nm, least, ("time_since_turn", "cycle"), text)
 
 

@@ -1,13 +1,17 @@
 """Steps where the drive turns are no noise, however slow that is."""
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 import pytest
 
+from piezo_rig.causes import CAUSES
+from piezo_rig.causes.rate_dependence import REFERENCE_V_PER_S
 from piezo_rig.diagnosis import diagnose
 from piezo_rig.diagnosis.refit import refit
-from piezo_rig.diagnosis.slips import slips
+from piezo_rig.diagnosis.slips import Slips, open_nm, slips
+from piezo_rig.diagnosis.unexplained import Unexplained, with_slips
 from tests.diagnosis.sliders import play, recorded
 from tests.diagnosis.spaces import begun
 from tests.diagnosis.two_drives import LIMITS, noise
@@ -69,6 +73,33 @@ def test_recordings_that_hardly_turn_among_others_are_left_alone():
     drive = np.concatenate([np.linspace(0.0, 70.0, 700), np.linspace(70.0, 0.0, 700)])
     one = recorded(drive, play(drive, LIMITS, 0.0016), RATE, "unknown", 9, "a triangle")
     assert seen_in([*recordings(1, "white", 0.015), one]).p_value < 1e-5
+
+
+LAG_UM = 0.02
+
+
+@pytest.fixture(scope="module")
+def lagging():
+    """A space and a fit with a lag of 20 nm, whose sign is that of the speed."""
+    space, point = begun(recordings(1, "white", 0.0))
+    stage = CAUSES["rate-dependence"].of(None, lag_um=LAG_UM, exponent=0.7, window_s=1e-4)
+    fitted = refit(space, point)
+    with_it = fitted.point.model.with_stage(stage)
+    return space, replace(fitted, point=replace(fitted.point, model=with_it)), fitted
+
+
+def test_where_a_lag_turns_over_a_tenth_of_it_may_be_left(lagging):
+    space, behind, fitted = lagging
+    size_nm = 1e3 * LAG_UM * (SLEW_V_PER_S / REFERENCE_V_PER_S) ** 0.7
+    assert open_nm(space, behind) == pytest.approx(0.1 * size_nm, rel=0.1)
+    assert open_nm(space, fitted) == 0.0
+
+
+@pytest.mark.parametrize(("left_open_nm", "said"), [(0.0, True), (2.0, True), (3.5, False)])
+def test_steps_are_said_beyond_what_laws_leave_open(left_open_nm, said):
+    rest = Unexplained(False, 0.4, 0.1, 0.5, [], "")
+    found = with_slips(rest, Slips(1e-12, 9.0, 3.0), 4.0, left_open_nm)
+    assert found.detected == said
 
 
 @pytest.mark.study

@@ -19,6 +19,7 @@ from piezo_rig.chain import Model
 from piezo_rig.diagnosis.early.followed import BY_ALL, MANY, by_all_that_follows, path_of
 from piezo_rig.diagnosis.early.guesses import CLEAR, at_sight, guess_of, losses_of_pairs
 from piezo_rig.diagnosis.early.mended import DROP, JUMP, STEP_UM, Break, lead, mended
+from piezo_rig.diagnosis.early.passing import lasting
 from piezo_rig.diagnosis.early.peaks import Peak, Search, find_peaks
 from piezo_rig.diagnosis.early.place import at_rest, placed
 from piezo_rig.diagnosis.early.shifted import differing, plain_loss
@@ -128,7 +129,7 @@ def find_breaks(
     for g in sorted({s.group for s in found}):
         breaks = _plain(groups, predicted, found, breaks, sweeps, g, level)
         breaks = _mending(groups, predicted, breaks, g)
-    return Breaks(tuple(_at_once(breaks)))
+    return Breaks(tuple(lasting(groups, _at_once(breaks))))
 
 
 def _likely(peaks: Sequence[Peak]) -> list[Peak]:
