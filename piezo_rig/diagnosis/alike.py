@@ -14,8 +14,10 @@ from scipy.linalg import helmert
 from piezo_rig.causes import CAUSES
 from piezo_rig.causes.cycle_aging import CycleAging
 from piezo_rig.causes.remanence import Remanence
+from piezo_rig.causes.sensor_clipping import SensorClipping
 from piezo_rig.chain import Model, Parameter
 from piezo_rig.diagnosis.chances import chi2_above, student_above, student_half_width
+from piezo_rig.diagnosis.flats import standing
 from piezo_rig.diagnosis.groups import Group, Groups
 from piezo_rig.diagnosis.left_before import left_before
 from piezo_rig.diagnosis.unsteady import unsteady
@@ -34,8 +36,17 @@ UNSTEADY, STEADY, FALSE, TRIED_BESIDE = 0.05, 0.01, 1e-3, 30
 
 
 def of_one_history(groups: Groups, model: Model) -> Groups:
-    """As if all recordings of a drive had been played after the same ones."""
-    return groups.with_([g.of_one_history(model) for g in groups.groups])
+    """As if all recordings of a drive had been played after the same ones.
+
+    Where a sensor ends they are alike as they are, and a model that knows of no end says nothing.
+    """
+    out = [g.of_one_history(model) for g in groups.groups]
+    if model.stage(SensorClipping.id) is not None:
+        return groups.with_(out)
+    for k, (g, there) in enumerate(zip(groups.groups, out, strict=True)):
+        if there is not g and (ends := standing(g)).any():
+            out[k] = there.with_measured(np.where(ends, g.measured_um, there.measured_um))
+    return groups.with_(out)
 
 
 def differ(groups: Groups, model: Model) -> bool:
@@ -87,7 +98,8 @@ def _rates(groups: Groups, model: Model) -> tuple[FloatArray, FloatArray] | None
     changes = of_one_history(groups, little)
     squares, products = list[FloatArray](), list[FloatArray]()
     for g, c in zip(groups.groups, changes.groups, strict=True):
-        own, made = (np.concatenate(_apart(x), axis=1)
+        seen = ~standing(g)
+        own, made = (np.concatenate(_apart(x, seen), axis=1)
                      for x in (g, g.with_measured(g.measured_um - c.measured_um)))  # fmt: skip
         ways = helmert(g.repeats)
         squares.append(np.sum((ways @ made) ** 2, axis=1))
@@ -154,10 +166,12 @@ def _left(model: Model, fraction: float) -> Model:
 
 def _differing(groups: Groups) -> float:
     """Square, um^2, by which recordings differ from the mean of those of their drive."""
-    return sum(float(np.sum(cut**2)) for g in groups.groups for cut in _apart(g))
+    return sum(float(np.sum(cut**2)) for g in groups.groups for cut in _apart(g, ~standing(g)))
 
 
-def _apart(group: Group) -> list[FloatArray]:
-    """Of every block, each recording less their mean and its own, (R, n)."""
+def _apart(group: Group, seen: NDArray[np.bool_]) -> list[FloatArray]:
+    """Of every block, each recording less their mean and its own, of samples that are seen, (R, k).
+    """
     rows = group.measured_um - group.measured_um.mean(axis=0)
-    return [rows[:, a:b] - rows[:, a:b].mean(axis=1, keepdims=True) for a, b in group.blocks]
+    cuts = [rows[:, a:b][:, seen[a:b]] for a, b in group.blocks if seen[a:b].any()]
+    return [cut - cut.mean(axis=1, keepdims=True) for cut in cuts]

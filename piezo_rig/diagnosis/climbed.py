@@ -202,20 +202,33 @@ def climbed(
         last = out.ladder.last.point.model
         before, left = left, numbers_apart(last)
         if known is not None and not differ(clean, last):
+            if (aged := _as_aged(clean, out, start, rng, tell, others, reading, patience, brief)):
+                return aged
             out = _climbed(clean, start, rng, tell, others, reading, patience, brief)
             break
         if not differ(clean, last) or _near(before, left):
             break
         tell("recordings as if played after the same ones")
         same = of_one_history(clean, last)
-    last = out.ladder.last.point.model
-    unseen = None if brief else ages_unseen(clean, out.space.whitener, last)
-    if unseen is not None:
-        aged, chance = unseen
-        tell("recordings as if made at the same count of cycles")
-        same = of_one_history(clean, aged)
-        out = _climbed(same, start, rng, tell, others, reading, patience, told=(aged, chance))
-    return out
+    return _as_aged(clean, out, start, rng, tell, others, reading, patience, brief) or out
+
+
+def _as_aged(
+    clean: Groups, search: Climbed, start: Point, rng: np.random.Generator,
+    tell: Callable[[str], None], others: int, reading: Reading | None, patience: Patience,
+    brief: bool,
+) -> Climbed | None:
+    """The ladder of recordings as if made at one count of cycles, where it lacks an ageing that
+    they show; None where they do not.
+    """
+    unseen = None if brief else ages_unseen(
+        clean, search.space.whitener, search.ladder.last.point.model
+    )  # fmt: skip
+    if unseen is None:
+        return None
+    tell("recordings as if made at the same count of cycles")
+    same = of_one_history(clean, unseen[0])
+    return _climbed(same, start, rng, tell, others, reading, patience, told=unseen)
 
 
 def fitted_anew(

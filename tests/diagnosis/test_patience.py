@@ -64,10 +64,10 @@ def test_a_law_that_holds_no_more_ends_a_climb_and_not_the_diagnosis(monkeypatch
 
     monkeypatch.setattr(Search, "take", take)
 
-    def slow(x, drive, t):
-        return x + 5e-3 * t * 3.0 + 2e-4 * drive * np.log1p(t)
+    def late(x, drive, t):
+        return np.interp(t - 3e-4, t, x) + 0.01 * np.sin(2.0 * np.pi * x / 0.3164)
 
-    found = diagnose(recordings(effect=slow, conditions=CONDITIONS[1:3], repeats=1))
+    found = diagnose(recordings(effect=late, conditions=CONDITIONS[1:3]))
     assert found.findings
     assert any(words in note for note in found.notes)
 

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from piezo_rig.diagnosis.chances import normal_above
-from piezo_rig.diagnosis.early.flats import bridged, standing
 from piezo_rig.diagnosis.early.mended import DROP, JUMP, STEP_UM, Break
 from piezo_rig.diagnosis.early.traces import Stretch, Whitened, own_part
+from piezo_rig.diagnosis.flats import bridged, standing
 from piezo_rig.diagnosis.groups import Groups
 from piezo_rig.run_file.sweep import Sweep
 

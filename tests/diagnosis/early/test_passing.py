@@ -9,8 +9,8 @@ from piezo_rig.diagnosis.early.mended import DROP, JUMP, Break
 from piezo_rig.diagnosis.early.passing import SOON_S, lasting
 from piezo_rig.diagnosis.grouping import group_tracks
 from piezo_rig.identification import prepare
-from tests.diagnosis.early.test_flats import TRIANGLES, breaks_in
 from tests.diagnosis.small_bench import RATE, recordings
+from tests.diagnosis.test_flats import TRIANGLES, breaks_in
 
 
 class Two:

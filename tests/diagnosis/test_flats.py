@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 
 from piezo_rig.causes import named_model
+from piezo_rig.diagnosis.alike import of_one_history, plainly_apart
 from piezo_rig.diagnosis.early.breaks import find_breaks
-from piezo_rig.diagnosis.early.flats import runs, standing
 from piezo_rig.diagnosis.early.mended import DROP
 from piezo_rig.diagnosis.engine import plain_space
 from piezo_rig.diagnosis.fit import Point, starting_model
+from piezo_rig.diagnosis.flats import runs, standing
 from piezo_rig.diagnosis.grouping import group_tracks
 from piezo_rig.diagnosis.refit import refit
 from piezo_rig.identification import prepare
@@ -69,3 +70,22 @@ def test_it_stands_from_where_it_ends_until_the_displacement_comes_back():
 def test_a_turn_of_the_drive_is_no_end(kind):
     _, groups = ageing(end_um=np.inf, kind=kind)
     assert not any(standing(g).any() for g in groups.groups)
+
+
+def plain_ageing(end_um):
+    _, groups = ageing(end_um=end_um)
+    point = Point(starting_model(groups, named_model("classical"), "classical"))
+    model = refit(plain_space(groups, point.model), point).point.model
+    return groups, plainly_apart(groups, model)
+
+
+def test_how_fast_an_actuator_ages_does_not_hang_on_where_its_sensor_ends():
+    (_, freely), (groups, ended) = (plain_ageing(end) for end in (np.inf, END_UM))
+    rates = [model.stage("cycle-aging")["rate_per_decade"] for model in (freely, ended)]
+    assert rates[1] == pytest.approx(rates[0], rel=0.05)
+    alike = of_one_history(groups, ended)
+    for g, same in zip(groups.groups, alike.groups, strict=True):
+        flat = standing(g)
+        assert np.array_equal(same.measured_um[:, flat], g.measured_um[:, flat])
+        apart = [np.ptp(x.measured_um[:, ~flat].mean(axis=1)) for x in (g, same)]
+        assert apart[1] < 0.5 * apart[0]  # and all else is more nearly as if of one age
