@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from piezo_rig.diagnosis.early.mended import DROP, Break
 from piezo_rig.diagnosis.groups import Groups
 
-SOON_S = 0.2
+AT_ONCE_S, SOON_S = 0.06, 0.2  # within which they are level again; the same if it happens twice
 
 
 def lasting(groups: Groups, breaks: Sequence[Break]) -> list[Break]:
@@ -19,13 +19,20 @@ def lasting(groups: Groups, breaks: Sequence[Break]) -> list[Break]:
     passing = set[int]()
     of_two = [b for b in breaks if b.cause == DROP and groups.groups[b.group].repeats == 2]
     for g, end in sorted({(b.group, b.end) for b in of_two}):
-        since: list[Break] = []
-        for b in sorted(of_two, key=lambda b: b.index):
-            if (b.group, b.end) != (g, end):
-                continue
-            since.append(b)
-            if sum(b.count if b.row else -b.count for b in since) == 0:
-                if since[-1].index - since[0].index < SOON_S * groups.rate:
-                    passing |= {id(b) for b in since}
-                since = []
+        mine = sorted((b for b in of_two if (b.group, b.end) == (g, end)), key=lambda b: b.index)
+        soon = _level_again(mine, SOON_S * groups.rate)
+        for few in soon if len(soon) > 1 else _level_again(mine, AT_ONCE_S * groups.rate):
+            passing |= {id(b) for b in few}
     return [b for b in breaks if id(b) not in passing]
+
+
+def _level_again(losses: Sequence[Break], within: float) -> list[list[Break]]:
+    """Those after which neither recording is ahead any more, soon after the first of them."""
+    out, since = list[list[Break]](), list[Break]()
+    for b in losses:
+        since.append(b)
+        if sum(x.count if x.row else -x.count for x in since) == 0:
+            if b.index - since[0].index < within:
+                out.append(since)
+            since = []
+    return out

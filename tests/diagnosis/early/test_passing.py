@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from piezo_rig.diagnosis.early.mended import DROP, JUMP, Break
-from piezo_rig.diagnosis.early.passing import SOON_S, lasting
+from piezo_rig.diagnosis.early.passing import AT_ONCE_S, SOON_S, lasting
 from piezo_rig.diagnosis.grouping import group_tracks
 from piezo_rig.identification import prepare
 from tests.diagnosis.small_bench import RATE, recordings
@@ -30,13 +30,15 @@ def at(index, row, count=1, cause=DROP, group=0, end=4000):
 
 SIZE_UM = 0.05
 AGAIN_S = 42.737  # when the second of two recordings begins
-SOON = round(0.5 * SOON_S * RATE)
+AT_ONCE, SOON = round(0.5 * AT_ONCE_S * RATE), round(0.9 * SOON_S * RATE)
 
 
 @pytest.mark.parametrize(("breaks", "kept"), [
-    ([at(100, 0), at(100 + SOON, 1)], []),  # level again
+    ([at(100, 0), at(100 + AT_ONCE, 1)], []),  # level again
     ([at(100, 0, 2), at(110, 1), at(130, 1)], []),
-    ([at(100, 0), at(100 + SOON, 1), at(3000, 0)], [2]),  # and one that lasts
+    ([at(100, 0), at(100 + AT_ONCE, 1), at(3000, 0)], [2]),  # and one that lasts
+    ([at(100, 0), at(100 + SOON, 1)], [0, 1]),  # once, by chance
+    ([at(100, 0), at(100 + SOON, 1), at(900, 1), at(900 + SOON, 0)], []),  # but not twice
     ([at(100, 0, 2), at(110, 1)], [0, 1]),  # one sample ahead from there on
     ([at(100, 0), at(110, 0)], [0, 1]),  # both of one recording
     ([at(100, 0), at(3900, 1)], [0, 1]),  # ahead for as long as a loss is
