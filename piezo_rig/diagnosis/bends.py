@@ -56,7 +56,7 @@ def bend(search: Search, here: Fitted, found: Found, good: NDArray[np.int64]) ->
     if ratio <= best and search.error(0, fitted) > MUCH * search.error(0, here):
         search.refused_at[BEND] = NEARER * search.error(0, here)
         return False
-    for i in good:
+    for i in good[np.argsort(-found.result.ratio[good])]:  # the likeliest first
         kind = CAUSES[found.result.ids[i]]
         if getattr(kind, "cuts_off", False) and found.result.ratio[i] > LARGE:
             search.tell(f"refit with {found.result.ids[i]}")

@@ -46,7 +46,7 @@ def raced(
     close = [*close, *(i for i in search.rather if i not in close)]
     out = tried(search, here, found, close)
     out += tried(search, here, found, _as_fast(here, result, good, out), out)
-    out += tried(search, here, found, result.as_flat(good), out)
+    out += tried(search, here, found, [i for i in result.as_flat(good) if i not in close], out)
     steep = begun_steep(search, here, found, out)
     search.steep = [i for _, i, _ in steep]
     out = [t for t in out if t[1] not in search.steep] + steep
