@@ -221,6 +221,7 @@ def _answer(
         ]  # fmt: skip
         findings[-len(own) :] = own
     confused = {f.cause: f.alternatives for f in own}
+    refused = _but_for(refused, confused)
     if turns.aside is not None:
         notes.append(f"{turns.aside.text} is set aside before causes are looked for; the model "
                      "does not have it")  # fmt: skip
@@ -373,6 +374,14 @@ def _rest(
     rest = with_levels(rest, levels(clean))
     rest = with_slips(rest, slips(space, last), noise_nm, open_nm(space, last))
     return with_band(rest, shared_band(clean, model), noise_nm)
+
+
+def _but_for(
+    refused: Mapping[str, str], confused: Mapping[str, Sequence[str]]
+) -> dict[str, str]:
+    """Refusals but for causes that a finding cannot be told from: those are not left out."""
+    listed = {other for others in confused.values() for other in others}
+    return {cause: why for cause, why in refused.items() if cause not in listed}
 
 
 def _still_true(refused: Mapping[str, str], members: set[str]) -> dict[str, str]:
