@@ -201,6 +201,13 @@ class Cause(Stage):
         return [[t.with_values(**{name: t[name] * f}) for t in trials] for f in factor**FINER]
 
     @property
+    def by_form(self) -> Mapping[str, float]:
+        """Sizes that differ among laws which are as likely, and by what share of them (standard
+        deviation), while a law is assumed.
+        """
+        return {}
+
+    @property
     def assumed(self) -> Mapping[str, float]:
         """`law` of these numbers."""
         return self.law

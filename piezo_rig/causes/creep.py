@@ -116,6 +116,12 @@ class Creep(Cause):
         return np.asarray(self["rate_per_decade"] * even)
 
     @property
+    def by_form(self) -> Mapping[str, float]:
+        """Its rate, unless the data say what it is in every decade."""
+        measured = set(SHARES) <= set(self.parameters)
+        return {} if measured else {"rate_per_decade": self.leaves}
+
+    @property
     def as_late_s(self) -> float:
         """What relaxes faster than the law begins to is late by its time constant and no more."""
         return FASTER_S * self["rate_per_decade"] * (0.1 if self.begins_fast else 1.0)

@@ -86,6 +86,10 @@ class RateDependence(Cause):
         "lag_um": (0.0, np.inf), "exponent": (0.1, 2.0), "window_s": (1e-5, LONGEST_S),
     }
 
+    @property
+    def by_form(self) -> Mapping[str, float]:
+        return {"lag_um": self.leaves}
+
     def late_s(self, um_per_v: float) -> float:
         return abs(self["lag_um"]) / max(um_per_v * REFERENCE_V_PER_S, 1e-30)
 

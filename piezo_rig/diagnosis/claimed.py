@@ -1,7 +1,8 @@
 """What is said of the parameters of an accepted cause, and the model that is saved.
 
-Intervals are those of the fit, or of the mixture over a law's forms and reaches; no finer than
-instruments agree; and nothing is said of what is only believed beforehand.
+Intervals are those of the fit, or of the mixture over a law's forms and reaches, with room for
+other laws where one is assumed; no finer than instruments agree; and nothing is said of what is
+only believed beforehand.
 """
 
 from __future__ import annotations
@@ -47,6 +48,7 @@ def parameters_of(
     if isinstance(begun, FirstSpring) and not fitted.point.fixed:
         said["offset"] = offset_of(fitted, begun)
     said = {n: _spread(p, spread.get((cause, n))) for n, p in said.items()}
+    said = {n: _of_any_form(p, stage.by_form.get(n, 0.0)) for n, p in said.items()}
     if stage.bending:
         at = said[stage.bending]
         said[stage.bending] = as_recorded(
@@ -61,6 +63,15 @@ def _no_finer(p: Parameter, share: float) -> Parameter:
         return p
     least = share * abs(p.value)
     return replace(p, ci95=(min(p.ci95[0], p.value - least), max(p.ci95[1], p.value + least)))
+
+
+def _of_any_form(p: Parameter, share: float) -> Parameter:
+    """With an interval that has room for other laws, which give it another size."""
+    if p.ci95 is None or not share:
+        return p
+    other = 1.96 * share * p.value
+    low, high = (float(np.hypot(end - p.value, other)) for end in p.ci95)
+    return replace(p, ci95=(p.value - low, p.value + high))
 
 
 def _only_believed(stage: Cause, name: str, p: Parameter) -> bool:
@@ -90,7 +101,10 @@ def final_model(fitted: Fitted, name: str, spread: Intervals) -> Model:
                     linear = Parameter(
                         value, stage.parameters[parameter].unit, (value - half, value + half)
                     )
-                    own[parameter] = _spread(linear, spread.get((stage.id, parameter)))
+                    own[parameter] = _of_any_form(
+                        _spread(linear, spread.get((stage.id, parameter))),
+                        stage.by_form.get(parameter, 0.0),
+                    )
             model = model.with_(
                 stages=tuple(
                     type(s)(s.parameters | own, s.elements) if s.id == stage.id else s
