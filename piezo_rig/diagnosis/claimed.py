@@ -19,6 +19,7 @@ from piezo_rig.diagnosis.first_spring import offset_of, with_offset
 from piezo_rig.diagnosis.reaches import Intervals
 from piezo_rig.diagnosis.refit import Fitted
 
+UNSEEN = 3.0  # standard errors of its size, by which a law may be off and nothing shows it
 BELIEVED = 0.9  # of the spread that is believed beforehand: data that leave so much say nothing
 
 
@@ -66,10 +67,15 @@ def _no_finer(p: Parameter, share: float) -> Parameter:
 
 
 def _of_any_form(p: Parameter, share: float) -> Parameter:
-    """With an interval that has room for other laws, which give it another size."""
+    """With an interval that has room for other laws, which give it another size.
+
+    So far as they do not show: beside a law that is off by more than some standard errors of its
+    size something is left.
+    """
     if p.ci95 is None or not share:
         return p
-    other = 1.96 * share * p.value
+    error = (p.ci95[1] - p.ci95[0]) / 3.92
+    other = 1.96 * min(share * abs(p.value), UNSEEN * error)
     low, high = (float(np.hypot(end - p.value, other)) for end in p.ci95)
     return replace(p, ci95=(p.value - low, p.value + high))
 

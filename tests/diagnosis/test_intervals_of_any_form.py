@@ -26,11 +26,14 @@ def test_a_rate_that_is_measured_decade_by_decade_is_no_law_any_more():
 
 
 def test_errors_of_a_fit_and_of_a_law_add_in_quadrature():
-    fitted = Parameter(0.01, "1", (0.009, 0.012))
+    fitted = Parameter(0.01, "1", (0.009, 0.012))  # known to 8 %
     half = 1.96 * 0.1 * 0.01
     low, high = _of_any_form(fitted, 0.1).ci95
     assert low == pytest.approx(0.01 - np.sqrt(0.001**2 + half**2))
     assert high == pytest.approx(0.01 + np.sqrt(0.002**2 + half**2))
+    sure = Parameter(0.01, "1", (0.00999, 0.01001))  # to 0.05 %: a tenth would be seen
+    low, high = _of_any_form(sure, 0.1).ci95
+    assert (low, high) == pytest.approx([0.01 - 1e-5 * 10.0**0.5, 0.01 + 1e-5 * 10.0**0.5])
     assert _of_any_form(fitted, 0.0) == fitted
     assert _of_any_form(Parameter(0.01, "1"), 0.1).ci95 is None
 
