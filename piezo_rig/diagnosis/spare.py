@@ -252,8 +252,8 @@ def idle(search: Search) -> bool:
     way, and not leave as much as it takes.
     Nor is it for any of them to make the next recording worse to predict. (That it is hardly better
     says little: a small fast effect is far below the error of a sample, and what else is amiss may
-    make it worse by as little; a plain one must do harm beyond doubt.) More than that is not asked
-    of what belongs to the base: without it others would stand in for it.
+    make it worse by as little; a plain one must do harm beyond doubt, unless it is a table.) More
+    than that is not asked of what belongs to the base: without it others would stand in for it.
     """
     dropped = False
     while search.causes:
@@ -280,7 +280,7 @@ def idle(search: Search) -> bool:
                 kept = ratio <= LOSES
                 kept = kept or (ratio < FAR_WORSE and plain_bend(id, search.fitted, less))
                 kept = kept or like_no_other(search.fitted, less)
-                kept = kept or _plain(search, less)
+                kept = kept or _plain(search, less, id if id in tables else "")
             if kept:
                 continue
             rest = [s for s in search.steps if s.cause != id]
@@ -297,8 +297,13 @@ def idle(search: Search) -> bool:
     return dropped
 
 
-def _plain(search: Search, less: Fitted) -> bool:
-    """Whether a model says far more than one without a member, and predicts no worse for sure."""
+def _plain(search: Search, less: Fitted, table: str = "") -> bool:
+    """Whether a model says far more than one without a member, and predicts no worse for sure.
+
+    ``table`` : the member, where it is one; it bends any way, as what shook a recording does
+    """
+    if table and not _takes_the_rest(search, less, table):
+        return False
     plainly = search.fitted.evidence > less.evidence + PLAIN
     return plainly and not search.helps(search.fitted, less, False)
 

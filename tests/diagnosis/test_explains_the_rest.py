@@ -81,6 +81,19 @@ def test_what_says_much_is_dropped_only_if_it_does_harm_beyond_doubt(gained, har
     assert spare._plain(search, without) == kept
 
 
+@pytest.mark.parametrize(("with_it_nm", "kept"), [(3.152, False), (3.07, True)])
+def test_a_table_that_predicts_worse_is_not_kept_for_what_it_says(monkeypatch, with_it_nm, kept):
+    """A knock on the table at the beginning of a recording is like a first rise of its own."""
+    with_it, without = SimpleNamespace(evidence=300.0), SimpleNamespace(evidence=0.0)
+    monkeypatch.setattr(spare, "certainties", lambda *_: {"initiation-stage": 40.0})
+    search = SimpleNamespace(
+        fitted=with_it, helps=lambda *_: False, noise_nm=3.07, space=None,
+        error=lambda _, fitted: with_it_nm if fitted is with_it else 3.131,
+    )  # fmt: skip
+    assert spare._plain(search, without, "initiation-stage") == kept
+    assert spare._plain(search, without)
+
+
 @pytest.mark.parametrize(("with_it_nm", "without_nm", "gained", "kept"), [
     (140.0, 300.0, 9000.0, True),  # the micromanipulator's delay, of noise of 75 nm
     (140.0, 300.0, 20.0, False),  # which nothing but that says
