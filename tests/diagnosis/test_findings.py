@@ -29,7 +29,7 @@ def holds(parameter, true):
     return abs(true - middle) < 2.0 * half
 
 
-@pytest.mark.parametrize("kind", first_of(2, ["1/f", "ar", "white"]))
+@pytest.mark.parametrize("kind", first_of(1, ["ar", "1/f", "white"]))
 def test_an_actuator_off_the_grid_in_coloured_noise_is_no_finding(kind):
     found = diagnose(recordings(kind=kind, seed=3))
     assert names(found) == []
