@@ -69,6 +69,7 @@ def test_a_first_rise_tells_a_limit_from_a_delay_at_one_speed(plant, expected):
 FOUR = tuple((f"0-{high:g}", 0.0, high, 4.0) for high in (18.75, 37.5, 56.25, 75.0))
 
 
+@pytest.mark.study
 def test_a_large_one_is_walked_to():
     """Most of the error is where it is not yet: the base has bent to that, and a descent hangs."""
     limit = 470.0  # of 600 V/s

@@ -44,6 +44,7 @@ def waving(x, drive, t):
     return x + 0.02 * np.tanh(np.gradient(drive) / 0.05) * np.sin(0.4 * drive)
 
 
+@pytest.mark.study
 def test_without_patience_what_is_left_is_said(monkeypatch):
     monkeypatch.setattr(Patience, "lost", property(lambda self: True))
     monkeypatch.setattr(Patience, "at_an_end", property(lambda self: True))

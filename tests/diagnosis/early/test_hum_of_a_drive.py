@@ -131,6 +131,7 @@ def test_what_is_further_off_than_mains_ever_are_is_no_hum(hz):
     assert found is None or found.p_value * COUNT > LEVEL
 
 
+@pytest.mark.study
 def test_a_line_elsewhere_is_another_hum_beside_a_better_model():
     drive = sines(3.0, 4.0, 10.0)
     hum = 4e-3 * np.sin(2.0 * np.pi * 50.02 * TIME)
