@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from piezo_rig.diagnosis.groups import Group
+from piezo_rig.diagnosis.masks import runs
 
 FloatArray = NDArray[np.float64]
 NEAR = 0.005  # of the travel: so near to the end they say what recordings differ by there
@@ -48,9 +49,3 @@ def bridged(own: FloatArray, flat: NDArray[np.bool_]) -> FloatArray:
         if ends:
             out[a:b] = np.linspace(ends[0], ends[-1], b - a)
     return out
-
-
-def runs(mask: NDArray[np.bool_]) -> list[tuple[int, int]]:
-    """First and one past last of all that are together."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(np.int8)))
-    return [(int(a), int(b)) for a, b in edges.reshape(-1, 2)]

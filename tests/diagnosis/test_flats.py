@@ -11,8 +11,9 @@ from piezo_rig.diagnosis.early.breaks import find_breaks
 from piezo_rig.diagnosis.early.mended import DROP
 from piezo_rig.diagnosis.engine import plain_space
 from piezo_rig.diagnosis.fit import Point, starting_model
-from piezo_rig.diagnosis.flats import runs, standing
+from piezo_rig.diagnosis.flats import standing
 from piezo_rig.diagnosis.grouping import group_tracks
+from piezo_rig.diagnosis.masks import runs
 from piezo_rig.diagnosis.refit import refit
 from piezo_rig.identification import prepare
 from tests.diagnosis.small_bench import RATE, recordings

@@ -54,4 +54,3 @@ def test_a_rate_of_another_law_is_in_its_interval(seed):
     assert low < RATE_PER_DECADE < high
     value = own.parameters["rate_per_decade"].value
     assert (high - low) / value < 0.6  # and says something all the same
-

@@ -12,6 +12,7 @@ from piezo_rig.causes import CAUSES
 from piezo_rig.chain import Model, Parameter, Stage
 from piezo_rig.diagnosis.chances import chi2_at, normal_above, poisson_above
 from piezo_rig.diagnosis.groups import Group, Groups
+from piezo_rig.diagnosis.masks import runs
 
 FloatArray = NDArray[np.float64]
 FAR, NEARER = 8.0, 5.5  # robust standard deviations: of the first, and where there are some
@@ -112,7 +113,7 @@ def _found(groups: Groups, model: Model, far: float, quiet: Groups | None = None
             marks &= ~np.array([_at_turns(group, mark) for mark in lower])
         rows = []
         for r, (row, mark) in enumerate(zip(group.measured_um, marks, strict=True)):
-            found = _events(mark)
+            found = runs(mark)
             off = _off(row - predicted) if found else row
             spikes += [Spike(g, r, a, 1e3 * float(max(off[a:b], key=abs))) for a, b in found]
             rows.append(_filled(row, predicted, mark) if found else row)
@@ -235,7 +236,7 @@ def _at_turns(group: Group, mark: NDArray[np.bool_]) -> NDArray[np.bool_]:
     turns = np.zeros(mark.size, bool)
     for beside in (-1, 0, 1):
         turns[np.clip(group.loops.stop + beside, 0, mark.size - 1)] = True
-    found = _events(mark)
+    found = runs(mark)
     there = [(a, b) for a, b in found if turns[a:b].any()]
     expected = len(found) * float(turns.mean())
     out = np.zeros_like(mark)
@@ -243,11 +244,6 @@ def _at_turns(group: Group, mark: NDArray[np.bool_]) -> NDArray[np.bool_]:
         for a, b in there:
             out[a:b] = True
     return out
-
-
-def _events(mark: NDArray[np.bool_]) -> list[tuple[int, int]]:
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], mark.astype(np.int8), [0]])))
-    return [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
 
 
 def _filled(row: FloatArray, predicted: FloatArray, mark: NDArray[np.bool_]) -> FloatArray:
