@@ -309,6 +309,7 @@ REACHING: Mapping[str, str] = {"reach": "um", "closing": "1", "taper": "1"}
 GIVEN = ("closing", "taper")
 TAPERS = (0.0, 1.0)  # how a law ends: all at once; little by little
 FINER = np.linspace(-6.0, 6.0, 13)  # steps over the parameter that a cause wants scanned
+OF_TWO_TURNS: Mapping[str, float] = {"range": 0.1, "direction": 0.1}  # what a law of both leaves open
 STEEP = 0.2  # of the mean spring constant, by the whole range of the drive: begins of a large law
 REACHED = (0.014, 0.02, 0.03, 0.04)  # of the travel
 SCANNED = ("reach", 2.0**0.125)
@@ -347,6 +348,15 @@ class FirstSpring(Cause):
     def history(loops: HalfLoops) -> FloatArray:
         """Volts for every half loop, shape (loops,)."""
         raise TypeError("a subclass says which history")
+
+    @property
+    def assumed(self) -> Mapping[str, float]:
+        """One that keeps its force hangs on two turning points, and so on the range between them.
+
+        Over loops that begin at one voltage a law of the extremum is then one of the range.
+        """
+        carries = "carries" in self.parameters and self["carries"] > 0
+        return {**OF_TWO_TURNS, **self.law} if carries else self.law
 
     def shape(self, branches: Branches) -> Branches:
         def law(slopes: FloatArray, loops: HalfLoops) -> FloatArray:

@@ -70,3 +70,30 @@ def test_half_loops_go_as_far_as_those_of_sliders_with_forces(cause, law):
     assert np.sum(off > 1e-12) <= 2
     assert off.max() < 0.1 * np.abs(plain - true).max()
     assert without.max() > 0.1 * np.abs(plain - true).max()
+
+
+def test_over_loops_that_begin_at_one_voltage_one_of_the_extremum_is_one_of_the_range():
+    """Mean of top and bottom, which is half the range: the same model, at half the slope."""
+    turns = (0.0, 24.0, 0.0, 24.0, 0.0, 12.0, 0.0, 12.0, 0.0)
+    extremum = CAUSES["extremum-dependence"].of(
+        None, slope=PER_VOLT, reach=2.0 * X[0], offset=0.0, carries=1.0
+    )
+    of_range = CAUSES["range-dependence"].of(
+        None, slope=0.5 * PER_VOLT, reach=2.0 * X[0], offset=0.0
+    )
+    two, one = (np.diff(played(turns, s)) for s in (extremum, of_range))
+    settled = [k for k in range(1, 8) if k != 5]  # a range is of the half loop before
+    assert two[settled] == pytest.approx(one[settled], abs=1e-9)
+    assert np.abs(two - np.diff(played(turns))).max() > 0.01
+
+
+def test_so_it_leaves_open_whatever_one_of_the_range_does():
+    """With less left open it would win over a law of the range that does the same."""
+    kinds = CAUSES["extremum-dependence"], CAUSES["range-dependence"]
+    numbers = {"slope": PER_VOLT, "reach": 2.0 * X[0], "offset": 0.0}
+    extremum, of_range = (kind.of(None, **numbers, carries=1.0) for kind in kinds)
+    for depends in ("range", "direction"):
+        assert extremum.assumed[depends] >= of_range.assumed[depends] > 0.0
+    for kind in kinds:
+        assert kind.of(None, **numbers).assumed == kind.law
+        assert kind.of(None, **numbers, carries=0.0).assumed == kind.law

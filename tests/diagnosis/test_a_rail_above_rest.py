@@ -74,7 +74,8 @@ def of_memory(at_v):
     return recordings(effect, seed=2, conditions=CONDITIONS[:2])
 
 
-@pytest.mark.parametrize("at_v", [0.0, pytest.param(RAIL, marks=pytest.mark.study)])
+@pytest.mark.study
+@pytest.mark.parametrize("at_v", [0.0, RAIL])
 def test_a_first_rise_from_above_is_no_initiation_stage(at_v):
     found = diagnose(of_memory(at_v))
     assert [f.cause for f in found.findings] == ["drive-clipping"]

@@ -66,6 +66,7 @@ def test_where_all_go_beyond_they_are_all_there_is(reference):
     assert within_its_drives(beyond, reference) == (beyond, [])
 
 
+@pytest.mark.study
 def test_five_volts_more_have_no_name(reference):
     """What an actuator does where the model never was is no initiation stage and no scale."""
     found = diagnose(recordings(seed=4, conditions=FURTHER), reference)
