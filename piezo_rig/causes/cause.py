@@ -130,6 +130,8 @@ class Cause(Stage):
         nobody knows that
     of_speed : it is told from the model's own loop by half loops that differ in speed, or just
         after a corner alone, where a loop stands still and it does not
+    at_one_frequency : what its `law` leaves open as well where all half loops take the same time,
+        of what then grows with how far they go
     at_corners : at one speed it shows there alone too, though no loop does the like
     like_no_other : what it does is like nothing that a model may get wrong: where it is plain,
         whatever else is wrong is no reason against it
@@ -161,6 +163,7 @@ class Cause(Stage):
     leaves: ClassVar[float] = 0.05
     brings_along: ClassVar[tuple[str, ...]] = ()
     of_speed: ClassVar[bool] = False
+    at_one_frequency: ClassVar[Mapping[str, float]] = {}
     at_corners: ClassVar[bool] = False
     like_no_other: ClassVar[bool] = False
     needs_first_rise: ClassVar[bool] = False
@@ -225,6 +228,10 @@ class Cause(Stage):
     def tapers(self) -> tuple[float, ...]:
         """Ways in which a law may end: see `TAPERS`."""
         return TAPERS
+
+    def usual(self) -> Stage:
+        """The same in the form and with the numbers that it has more often than not."""
+        return self
 
     def otherwise(self) -> list[Stage]:
         """The same in other forms; a diagnosis takes one of those where it is plainly better."""
@@ -309,7 +316,7 @@ REACHING: Mapping[str, str] = {"reach": "um", "closing": "1", "taper": "1"}
 GIVEN = ("closing", "taper")
 TAPERS = (0.0, 1.0)  # how a law ends: all at once; little by little
 FINER = np.linspace(-6.0, 6.0, 13)  # steps over the parameter that a cause wants scanned
-OF_TWO_TURNS: Mapping[str, float] = {"range": 0.1, "direction": 0.1}  # what a law of both leaves open
+OF_TWO_TURNS: Mapping[str, float] = {"range": 0.1, "direction": 0.1}  # that a law leaves open
 STEEP = 0.2  # of the mean spring constant, by the whole range of the drive: begins of a large law
 REACHED = (0.014, 0.02, 0.03, 0.04)  # of the travel
 SCANNED = ("reach", 2.0**0.125)

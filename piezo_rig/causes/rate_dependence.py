@@ -61,6 +61,9 @@ class RateDependence(Cause):
     together = True
     law: ClassVar[Mapping[str, float]] = {"frequency": 0.05, "first rise": 0.05}
     of_speed = True
+    at_one_frequency: ClassVar[Mapping[str, float]] = {
+        "range": 0.1, "range+drive": 0.1, "direction": 0.1, "time_since_turn+direction": 0.1,
+    }  # fmt: skip
     leaves: ClassVar[float] = 0.1  # other laws of it are as likely
     meanings: ClassVar[Mapping[str, str]] = {
         "lag_um": "how far the displacement is behind at 300 V/s",
@@ -199,6 +202,11 @@ class RateDependence(Cause):
         rate[signal.begins[1:] - 1] = 0.0  # from one drive to the next
         whole = np.concatenate([[0.0], np.cumsum(self._drag(rate) * steps)])
         return np.asarray(-off_each(signal.begins, time, whole, self.window) / self.window)
+
+    def usual(self) -> Stage:
+        return self.with_values(
+            exponent=self.neutral["exponent"], window_s=USUAL_S, widens=0.0, settles=0.0
+        )
 
     def otherwise(self) -> list[Stage]:
         usual = {"exponent": self.neutral["exponent"], "window_s": USUAL_S}

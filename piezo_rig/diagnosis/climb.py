@@ -57,6 +57,7 @@ from piezo_rig.diagnosis.spare import (
     one_by_one,
     prune,
 )
+from piezo_rig.diagnosis.twins import are_twins, foretelling_as_well
 from piezo_rig.diagnosis.warmth import OF_WARMTH
 from piezo_rig.errors import InputError
 
@@ -258,7 +259,7 @@ class Search:
 
     def without_others_names(self, result: Scan) -> None:
         """Rivals of the newest member which are asked for beside it much as before are names of
-        another effect, that happened to be worth as much.
+        another effect, that happened to be worth as much; but for what does nearly the same.
         """
         if not self.steps:
             return
@@ -267,6 +268,7 @@ class Search:
         rivals = {
             id: gained for id, gained in newest.rivals.items()
             if asked.get(id, 0.0) < OF_ANOTHERS * gained
+            or are_twins(self.space.groups, newest.cause, id)
         }  # fmt: skip
         self.steps[-1] = replace(newest, rivals=rivals)
 
@@ -324,6 +326,10 @@ class Search:
                 if j != i and not of_base(result.ids[j])
                 and (w > worth - NEEDED or self.as_good(f, fitted, result.ids[j], worth - w))
             }
+            others = {result.ids[j]: f for _, j, f in refits}
+            asked = dict(zip(result.ids, result.ratio.tolist(), strict=True))
+            for twin in foretelling_as_well(self, here, fitted, id, others, AS_WELL):
+                rivals[twin] = asked.get(twin, 0.0)
             doubted = has_reach(id) and any(
                 has_reach(result.ids[j]) for w, j, _ in refits if j != i and w > NEARLY * worth
             )

@@ -12,6 +12,7 @@ from piezo_rig.diagnosis.space import Space
 STANDS = 1e-3  # of the largest change from sample to sample, below which a drive stands still
 SOON, SHARP = 2, 0.5  # samples after a turning point; of the usual speed, reached by then
 LEAST_HELD, MANY_STOPS, HELD_SHARE = 20, 4, 0.1  # samples; stops; of all samples
+LEAST_SWING, SAME_TIME = 0.02, 1.2  # of the range of all drives; of the time of half loops
 STEEP_S = 0.002  # over which the drive's slew is taken
 
 
@@ -44,6 +45,21 @@ def context_of(space: Space, model: Model) -> Context:
         _corners(space.groups),
         space.groups.repeats > 1,
     )  # fmt: skip
+
+
+def at_one_frequency(groups: Groups) -> bool:
+    """Whether half loops take about the same time however far they go: how fast one is then says
+    how far it goes.
+    """
+    ends = [(g, g.loops.start, g.loops.stop) for g in groups.groups]
+    times = np.concatenate([g.time_s[b] - g.time_s[a] for g, a, b in ends])
+    far = np.concatenate([
+        np.abs(g.drive_v[b] - g.drive_v[a]) > LEAST_SWING * groups.span_v for g, a, b in ends
+    ])  # fmt: skip
+    if not far.any():
+        return False
+    low, high = np.percentile(times[far], [5, 95])
+    return bool(high < SAME_TIME * low)
 
 
 def _corners(groups: Groups) -> bool:

@@ -36,7 +36,7 @@ from piezo_rig.diagnosis.found import EVENTS, NO_FINDINGS, Diagnosis, Finding, R
 from piezo_rig.diagnosis.given import against_lacking
 from piezo_rig.diagnosis.grouping import group_tracks
 from piezo_rig.diagnosis.groups import Groups
-from piezo_rig.diagnosis.held import within_its_drives
+from piezo_rig.diagnosis.held import within_its_drives, within_its_first_rise
 from piezo_rig.diagnosis.held_out import (
     AGAIN,
     Errors,
@@ -130,8 +130,11 @@ def _diagnosed(
     data = prepare(sweeps, first_rises=True, clipped=True)
     tell("baseline")
     data = without_remembered(data, sweeps, _baseline(group_tracks(data, sweeps), baseline))
+    notes: list[str] = []
+    if isinstance(baseline, Model):
+        data, notes = within_its_first_rise(data, baseline)
     raw = group_tracks(data, sweeps)
-    notes = list(data.left_out)
+    notes = [*data.left_out, *notes]
     drives = out_of_step(raw, data.tracks)
     model = between or (plainly(raw, _baseline(raw, baseline)).point.model if drives else None)
     if drives and model is not None and (stepped := in_step(raw, drives, model)) is not None:

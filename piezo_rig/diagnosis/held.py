@@ -9,6 +9,7 @@ springs and sliders can: what is left of a bend after that is what may be wrong,
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -19,11 +20,14 @@ from piezo_rig.diagnosis import basis, dictionary
 from piezo_rig.diagnosis.dictionary import Scales
 from piezo_rig.diagnosis.groups import Group, Groups
 from piezo_rig.diagnosis.linear import Fixed, Piece
+from piezo_rig.diagnosis.masks import runs
+from piezo_rig.identification.data import Data, Track
 from piezo_rig.run_file.sweep import Sweep
 
 FloatArray = NDArray[np.float64]
 RIDGE = 1e-8  # of the scaled Gram matrix
 BEYOND = 0.02  # of the range of a model's drives: others that go further
+SHORTEST, SAME = 8, 0.25  # samples of a stretch; of that, by which half loops go as far
 SPARE = 2.0  # times what a model was off by itself; beyond that, what is wrong with it is news
 
 
@@ -73,6 +77,53 @@ def within_its_drives(sweeps: Sequence[Sweep], model: Model) -> tuple[list[Sweep
         f"left out: {', '.join(names)}: they go beyond the {ends[0]:.4g} to {ends[1]:.4g} V that "
         "the given model was identified from, where it says nothing; identify it again with them"
     ]
+
+
+def within_its_first_rise(data: Data, model: Model) -> tuple[Data, list[str]]:
+    """Recordings without what is further up a first rise than a given model knows one, and what is
+    to be said of it.
+
+    A model of later branches alone knows a first rise of half their volts. What is above has an own
+    offset, and is looked at from the turning point on.
+    """
+    known = model.provenance.get("known_v")
+    most = known.get("first_rise") if isinstance(known, Mapping) else None
+    if not isinstance(most, int | float) or isinstance(most, bool) or not most > 0:
+        return data, []
+    tracks = tuple(_up_to(track, float(most)) for track in data.tracks)
+    cut = sum(new is not old for new, old in zip(tracks, data.tracks, strict=True))
+    if not cut:
+        return data, []
+    return replace(data, tracks=tracks), [
+        f"first rises of {cut} recordings are compared up to {most:.4g} V only: further up the "
+        "given model does not know any; `identify` with recordings that are said to begin virgin"
+    ]
+
+
+def _up_to(track: Track, most_v: float) -> Track:
+    """Without stretches where a virgin actuator is further from where it began than in any half
+    loop before, and than so many volts.
+    """
+    if not track.virgin:
+        return track
+    away, room = np.abs(track.drive_v - track.drive_v[0]), BEYOND * float(np.ptp(track.drive_v))
+    starts = track.loops.start
+    own = np.searchsorted(starts, np.arange(away.size), side="right") - 1
+    before = np.maximum.accumulate(away)[starts][np.maximum(own, 0)]
+    further = (away > most_v) & (away > before + SAME * room)
+    if not np.any(away[further] > most_v + room):
+        return track
+    kept = [
+        (a + i, a + j, unit)
+        for (a, b), unit in zip(track.blocks, track.unit, strict=True)
+        for i, j in runs(~further[a:b])
+        if j - i >= SHORTEST and float(np.ptp(track.drive_v[a + i : a + j])) > room
+    ]
+    if not kept:
+        return track
+    return replace(
+        track, blocks=tuple((a, b) for a, b, _ in kept), unit=tuple(unit for *_, unit in kept)
+    )
 
 
 def _ends_v(model: Model) -> tuple[float, float] | None:

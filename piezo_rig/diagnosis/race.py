@@ -20,6 +20,7 @@ from piezo_rig.diagnosis.refit import Fitted
 from piezo_rig.diagnosis.refusals import FAR_OFF, MUCH
 from piezo_rig.diagnosis.scan import Form, Found, Scan, by_speed, has_reach, of_base
 from piezo_rig.diagnosis.steep import begun_steep
+from piezo_rig.diagnosis.twins import twins_of
 
 if TYPE_CHECKING:
     from piezo_rig.diagnosis.climb import Search
@@ -50,6 +51,7 @@ def raced(
     steep = begun_steep(search, here, found, out)
     search.steep = [i for _, i, _ in steep]
     out = [t for t in out if t[1] not in search.steep] + steep
+    out += tried(search, here, found, twins_of(search, result, out), out)
     bends = [i for i, id in enumerate(result.ids) if of_base(id) and i not in close]
     # what a bend of another kind leaves looks like a law, or an asymmetry
     bent = here.point.model.stage(BEND) is not None and (

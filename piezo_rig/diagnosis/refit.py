@@ -18,6 +18,7 @@ from piezo_rig.causes.cause import Cause
 from piezo_rig.chain import Model
 from piezo_rig.diagnosis.columns import near_to, numbers_of
 from piezo_rig.diagnosis.compliances import TOGETHER, element_step, smooth_weight
+from piezo_rig.diagnosis.context import at_one_frequency
 from piezo_rig.diagnosis.fit import Point, smoothness
 from piezo_rig.diagnosis.likelihood import Likelihood
 from piezo_rig.diagnosis.linear import Linear
@@ -322,6 +323,7 @@ def changed_um(
 def laws_of(space: Space, model: Model) -> FloatArray:
     """Variance of every dictionary column that the causes' assumed laws leave open, um^2."""
     out = np.zeros(len(space.tags))
+    one = at_one_frequency(space.groups)
     for stage in model.stages:
         if not isinstance(stage, Cause) or not stage.law:
             continue
@@ -330,8 +332,9 @@ def laws_of(space: Space, model: Model) -> FloatArray:
             continue
         # columns that begin anew at every turn know nothing of what turns have added up to
         size = min(changed_um(space, less, model, since) for since in (False, True))
+        assumed = {**stage.at_one_frequency, **stage.assumed} if one else stage.assumed
         for k, tag in enumerate(space.tags):
-            out[k] += (stage.assumed.get(tag, 0.0) * size) ** 2
+            out[k] += (assumed.get(tag, 0.0) * size) ** 2
     return out
 
 

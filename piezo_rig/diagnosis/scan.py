@@ -161,6 +161,12 @@ def like_speed(id: str) -> bool:
     return issubclass(kind, FirstSpring) and kind.like_speed
 
 
+def like_range(id: str) -> bool:
+    """Whether it grows with how far half loops go, where all have one frequency."""
+    kind = CAUSES[id]
+    return issubclass(kind, Cause) and bool(kind.at_one_frequency)
+
+
 def candidates(space: Space, model: Model) -> tuple[list[Candidate], dict[str, str]]:
     """Causes that may be tried on a model, and why others may not."""
     context = context_of(space, model)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 sys.path.insert(0, str(Path(__file__).parent))
@@ -12,7 +13,7 @@ from small_bench import recordings
 
 from piezo_rig.diagnosis import diagnose
 from piezo_rig.diagnosis.grouping import group_tracks
-from piezo_rig.diagnosis.held import own_um_of, within_its_drives
+from piezo_rig.diagnosis.held import own_um_of, within_its_drives, within_its_first_rise
 from piezo_rig.identification import identify, prepare
 
 UP_TO_70 = (("0-20", 0.0, 20.0), ("0-30", 0.0, 30.0), ("0-70", 0.0, 70.0))
@@ -66,6 +67,58 @@ def test_where_all_go_beyond_they_are_all_there_is(reference):
     assert within_its_drives(beyond, reference) == (beyond, [])
 
 
+@pytest.fixture(scope="module")
+def of_later_branches():
+    """From recordings that do not say what the actuator remembers: first rises are not used."""
+    return identify(unsaid(recordings(seed=4, conditions=UP_TO_70)), "classical").model
+
+
+def unsaid(sweeps):
+    return [s.with_(history="unknown") for s in sweeps]
+
+
+def test_a_first_rise_is_compared_as_far_as_the_model_knows_one(of_later_branches):
+    assert of_later_branches.provenance["known_v"]["first_rise"] == pytest.approx(35.0, rel=0.01)
+    sweeps = unsaid(recordings(seed=4, conditions=UP_TO_70))
+    data = prepare(sweeps, first_rises=True, clipped=True)
+    cut, notes = within_its_first_rise(data, of_later_branches)
+    assert len(notes) == 1
+    assert "up to 35 V" in notes[0]
+    for old, new in zip(data.tracks, cut.tracks, strict=True):
+        assert old.virgin
+        drive = old.drive_v
+        if drive.max() < 35.0:
+            assert new is old
+            continue
+        (begin, passes), (turns, end) = new.blocks
+        assert (begin, end) == (0, drive.size)
+        assert drive[passes] == pytest.approx(35.0, abs=1.0)
+        assert abs(turns - np.argmax(drive)) <= drive.size // 100
+        assert new.unit == (0, 0)
+
+
+def test_a_model_of_first_rises_and_one_that_does_not_say_are_compared_all_the_way(
+    reference, of_later_branches
+):
+    sweeps = unsaid(recordings(seed=4, conditions=UP_TO_70))
+    data = prepare(sweeps, first_rises=True, clipped=True)
+    assert reference.provenance["known_v"]["first_rise"] == pytest.approx(70.0, rel=0.01)
+    said = {k: v for k, v in of_later_branches.provenance.items() if k != "known_v"}
+    for model in (reference, of_later_branches.with_(provenance=said)):
+        assert within_its_first_rise(data, model) == (data, [])
+    for damaged in (None, {}, {"first_rise": "35"}, {"first_rise": True}, [35.0]):
+        model = of_later_branches.with_(provenance={**said, "known_v": damaged})
+        assert within_its_first_rise(data, model) == (data, [])
+
+
+def test_what_a_model_does_not_know_of_a_first_rise_is_no_initiation_stage(of_later_branches):
+    later = unsaid(recordings(
+        seed=4, conditions=UP_TO_70, sensor=lambda x, t, rng: x / 1.02
+    ))  # fmt: skip
+    found = diagnose(later, of_later_branches)
+    assert [f.cause for f in found.findings] == ["sensor-scale"]
+
+
 @pytest.mark.study
 def test_five_volts_more_have_no_name(reference):
     """What an actuator does where the model never was is no initiation stage and no scale."""
@@ -74,6 +127,7 @@ def test_five_volts_more_have_no_name(reference):
     assert any("0-75" in n for n in found.notes)
 
 
+@pytest.mark.study
 def test_a_scale_of_half_a_percent_is_seen(reference):
     """Noise and all it is what the model is off by, and far less than it was off beyond."""
     faster = [(*c, 3.0) for c in UP_TO_70]  # so that the model's own recordings tell nothing

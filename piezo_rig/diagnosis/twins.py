@@ -1,0 +1,93 @@
+"""Laws that do nearly the same in the data at hand, though they are of different things.
+
+Where all triangles have one frequency half loops that go further are as much faster: a law of the
+range and one of the speed differ by how they begin after a turn and by their curve, of which the
+forms that are known here need not be the actuator's. A law of the extremum whose spring keeps its
+force is one of the range over loops that begin at one voltage. A linear look may make little of
+either beside the other.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from piezo_rig.causes import CAUSES
+from piezo_rig.causes.cause import Cause, FirstSpring
+from piezo_rig.diagnosis.context import at_one_frequency
+from piezo_rig.diagnosis.fit import Point
+from piezo_rig.diagnosis.forms import carries
+from piezo_rig.diagnosis.groups import Groups
+from piezo_rig.diagnosis.grown import Tried
+from piezo_rig.diagnosis.put_in import all_free
+from piezo_rig.diagnosis.refit import Fitted, refit
+from piezo_rig.diagnosis.scan import Scan, candidates, like_range, like_speed
+from piezo_rig.errors import InputError
+
+if TYPE_CHECKING:
+    from piezo_rig.diagnosis.climb import Search
+
+
+def twins_of(search: Search, result: Scan, fits: Sequence[Tried]) -> list[int]:
+    """Numbers of what may do the same as something that was refitted, and was not refitted."""
+    said = {result.ids[i]: fitted for worth, i, fitted in fits if worth > 0.0}
+    springs = [id for id in result.ids if issubclass(CAUSES[id], FirstSpring)]
+    wanted = springs if any(carries(said[id], id) for id in springs if id in said) else []
+    if any(map(like_speed, said)) and at_one_frequency(search.space.groups):
+        wanted = [*wanted, *filter(like_range, result.ids)]
+    tried = {result.ids[i] for _, i, _ in fits} | search.barred.keys()
+    return [i for i, id in enumerate(result.ids) if id in wanted and id not in tried]
+
+
+def are_twins(groups: Groups, id: str, other: str) -> bool:
+    """Whether one goes by the range and the other by the speed, of loops of one frequency."""
+    either = (like_speed(id) and like_range(other)) or (like_range(id) and like_speed(other))
+    return either and at_one_frequency(groups)
+
+
+def foretelling_as_well(
+    search: Search, here: Fitted, fitted: Fitted, id: str, refits: Mapping[str, Fitted],
+    least: float,
+) -> list[str]:  # fmt: skip
+    """Of a law of the range and one of the speed, at one frequency, the other, if it predicts what
+    is held out as well, were it only where plain least squares ends.
+
+    Next to what elements may make up for, their evidence is of how well each has the form.
+
+    Parameters
+    ----------
+    here : the model without any
+    fitted, id : the model that was taken, and the cause that it was taken for
+    refits : with other causes
+    least : held-out error of another, of that of the model
+    """
+    space, most = search.space, least * search.error(0, fitted)
+    found = []
+    for candidate in candidates(space, here.point.model)[0]:
+        other = candidate.id
+        if not are_twins(space.groups, id, other):
+            continue
+        if other in refits and search.error(0, refits[other]) <= most:
+            found.append(other)
+            continue
+        known = refits[other].point.model.stage(other) if other in refits else None
+        usual = known or candidate.variants[0][0]
+        assert isinstance(usual, Cause)
+        for stage in (usual, usual.usual()):
+            model = here.point.model.with_stage(stage)
+            point = all_free(replace(here.point, model=model), stage)
+            if _plain_error(search, point) <= most:
+                found.append(other)
+                break
+    return found
+
+
+def _plain_error(search: Search, point: Point) -> float:
+    """Held-out error where plain least squares ends, the optional numbers free as well."""
+    try:
+        return search.error(0, refit(search.space, point, plain=True))
+    except (InputError, np.linalg.LinAlgError):
+        return np.inf
