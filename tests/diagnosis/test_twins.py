@@ -100,7 +100,14 @@ def test_a_twin_that_foretells_as_well_is_listed(
     monkeypatch.setattr(twins, "candidates", lambda *_: (candidates, {}))
     monkeypatch.setattr(twins, "replace", lambda point, model: model)
     monkeypatch.setattr(twins, "all_free", lambda model, stage: stage)
-    monkeypatch.setattr(twins, "refit", lambda space, begun, plain: asked.append(begun) or "plain")
+
+    class Plain:
+        point = "where it ended"
+
+        def __str__(self):
+            return "plain"
+
+    monkeypatch.setattr(twins, "refit", lambda space, begun, plain: asked.append(begun) or Plain())
     error = {"range": range_nm, "rate": refitted_nm, "plain": plain_nm}
     search = SimpleNamespace(
         space=SimpleNamespace(groups=groups), error=lambda _, fitted: error[str(fitted)]
@@ -117,8 +124,30 @@ def test_a_twin_that_foretells_as_well_is_listed(
     found = twins.foretelling_as_well(search, here, "range", RANGE, refits, 1.0005)
     assert found == ([RATE] if listed else [])
     if groups is ONE and not listed:  # from where it is, and from what is usual
-        assert [s["window_s"] for s in asked] == [6e-4, pytest.approx(stage.usual()["window_s"])]
-        assert asked[1]["exponent"] == 0.7
+        begun = [s for s in asked if s != Plain.point]
+        assert [s["window_s"] for s in begun] == [6e-4, pytest.approx(stage.usual()["window_s"])]
+        assert begun[1]["exponent"] == 0.7
+
+
+@pytest.mark.parametrize(("errors", "reaches", "descents"), [
+    ([4.2, 4.1, 4.05], True, 3),
+    ([4.2, 4.1999], False, 2),
+    ([4.2, 4.15, 4.3], False, 3),
+    (np.linspace(5.0, 4.2, twins.DESCENTS), False, twins.DESCENTS),
+])
+def test_least_squares_goes_on_as_long_as_it_predicts_better(
+    monkeypatch, errors, reaches, descents
+):
+    points = []
+
+    def refit(space, point, plain):
+        points.append(point)
+        return SimpleNamespace(point=point + 1)
+
+    monkeypatch.setattr(twins, "refit", refit)
+    search = SimpleNamespace(space=None, error=lambda _, fitted: errors[fitted.point - 1])
+    assert twins._reaches(search, 0, 4.06) is reaches
+    assert points == list(range(descents))
 
 
 def test_a_twin_that_is_asked_for_beside_the_other_is_no_other_effect(monkeypatch):
