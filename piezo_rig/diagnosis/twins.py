@@ -30,7 +30,8 @@ from piezo_rig.errors import InputError
 if TYPE_CHECKING:
     from piezo_rig.diagnosis.climb import Search
 
-DESCENTS, STILL = 8, 0.9995  # of least squares, as long as the held-out error falls below this
+# descents of least squares; held-out error after one, of that before, that asks for another
+DESCENTS, STILL = 8, 0.9995
 
 
 def twins_of(search: Search, result: Scan, fits: Sequence[Tried]) -> list[int]:
@@ -66,8 +67,10 @@ def foretelling_as_well(
     refits : with other causes
     least : held-out error of another, of that of the model
     """
-    space, most = search.space, least * search.error(0, fitted)
-    found = []
+    space, found = search.space, list[str]()
+    if not any(are_twins(space.groups, id, other) for other in CAUSES):
+        return found
+    most = least * search.error(0, fitted)
     for candidate in candidates(space, here.point.model)[0]:
         other = candidate.id
         if not are_twins(space.groups, id, other):
