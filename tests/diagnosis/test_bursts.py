@@ -32,7 +32,7 @@ def found(sweeps):
 
 @pytest.mark.parametrize("colour", ["white", "ar"])
 @pytest.mark.parametrize("seed", [
-    0, 1, *(pytest.param(seed, marks=pytest.mark.study) for seed in range(2, 8)),
+    0, *(pytest.param(seed, marks=pytest.mark.study) for seed in range(1, 8)),
 ])  # fmt: skip
 def test_steady_noise_has_no_bursts(colour, seed):
     assert found(session(seed, colour, steady)) is None

@@ -111,6 +111,7 @@ def test_a_model_of_first_rises_and_one_that_does_not_say_are_compared_all_the_w
         assert within_its_first_rise(data, model) == (data, [])
 
 
+@pytest.mark.study
 def test_what_a_model_does_not_know_of_a_first_rise_is_no_initiation_stage(of_later_branches):
     later = unsaid(recordings(
         seed=4, conditions=UP_TO_70, sensor=lambda x, t, rng: x / 1.02

@@ -121,7 +121,7 @@ def plain(tmp_path_factory) -> bytes:
     return write_plain(tmp_path_factory.mktemp("plain") / "p.h5", 2).read_bytes()
 
 
-@settings(max_examples=30, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=15, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(edits=st.lists(st.tuples(st.integers(0, 60_000), st.binary(min_size=1, max_size=8)),
                       min_size=1, max_size=6), cut=st.none() | st.integers(0, 60_000))
 def test_any_damage_to_headers_without_checksums(plain, tmp_path_factory, edits, cut):

@@ -248,7 +248,7 @@ def good(tmp_path_factory) -> bytes:
     return written(tmp_path_factory.mktemp("good") / "r.h5").read_bytes()
 
 
-@settings(max_examples=60, derandomize=True, deadline=None)
+@settings(max_examples=30, derandomize=True, deadline=None)
 @given(data=st.data())
 def test_damage_anywhere_is_a_clear_error_or_a_correct_reading(good, tmp_path_factory, data):
     folder = tmp_path_factory.mktemp("damaged")
