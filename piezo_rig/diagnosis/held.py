@@ -96,7 +96,8 @@ def within_its_first_rise(data: Data, model: Model) -> tuple[Data, list[str]]:
         return data, []
     return replace(data, tracks=tracks), [
         f"first rises of {cut} recordings are compared up to {most:.4g} V only: further up the "
-        "given model does not know any; `identify` with recordings that are said to begin virgin"
+        "given model does not know any; if the recordings that it is from began virgin, identify "
+        "it again with --history virgin"
     ]
 
 
