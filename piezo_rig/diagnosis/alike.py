@@ -7,6 +7,8 @@ differ.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import helmert
@@ -20,7 +22,7 @@ from piezo_rig.diagnosis.chances import chi2_above, student_above, student_half_
 from piezo_rig.diagnosis.flats import standing
 from piezo_rig.diagnosis.groups import Group, Groups
 from piezo_rig.diagnosis.left_before import left_before
-from piezo_rig.diagnosis.unsteady import unsteady
+from piezo_rig.diagnosis.unsteady import Unsteady, unsteady
 from piezo_rig.diagnosis.whitening import CellWhitener
 
 FloatArray = NDArray[np.float64]
@@ -112,18 +114,21 @@ def _rates(groups: Groups, model: Model) -> tuple[FloatArray, FloatArray] | None
 
 
 def ages_unseen(
-    groups: Groups, whitener: CellWhitener, model: Model
-) -> tuple[Model, float] | None:
+    groups: Groups, whitener: CellWhitener, model: Model,
+    gain: Callable[[Groups], Unsteady | None],
+) -> tuple[Model, float] | None:  # fmt: skip
     """The model with the ageing by which recordings of one drive differ, and its chance.
 
     Noise may hide it in every recording by itself. All together show it by how far the gain is from
     steady, and by how little the rates scatter among drives and repeats (Student's law); of noise,
     size and direction are independent, so both chances count (R. A. Fisher's sum of logarithms). It
     is believed where nothing unsteady is left. The interval of the rate is that of the scatter.
+
+    ``gain`` : how unsteady it is beside the model
     """
     if model.counts_on or model.remembering:
         return None
-    before = unsteady(groups, whitener, model)
+    before = gain(groups)
     found = _rates(groups, model) if before and before.p_value < UNSTEADY else None
     if before is None or found is None or found[0].size < 3:
         return None

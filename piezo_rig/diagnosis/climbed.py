@@ -51,6 +51,7 @@ from piezo_rig.diagnosis.refit import Fitted, refit, settle
 from piezo_rig.diagnosis.scale import on_one_scale
 from piezo_rig.diagnosis.space import Space
 from piezo_rig.diagnosis.spare import faded, one_by_one
+from piezo_rig.diagnosis.unsteady import Unsteady, unsteady
 from piezo_rig.diagnosis.wandering import AGEING
 from piezo_rig.diagnosis.warming import without_settling
 from piezo_rig.diagnosis.whitening import CellWhitener
@@ -102,6 +103,7 @@ class Climbed:
     kinked: Point | None = None
     ladder: Ladder = field(init=False)
     _known: dict[int, tuple[Point, Errors]] = field(default_factory=dict)
+    _gain: tuple[Groups, Model, Unsteady | None] | None = None
 
     def errors(self, fitted: Fitted) -> Errors:
         """Held-out errors of a rung, as it is judged."""
@@ -124,6 +126,13 @@ class Climbed:
         if self.kind == self.judged:
             return self.errors(fitted)
         return held_out_errors(self.space, fitted, self.kind)
+
+    def unsteady(self, groups: Groups) -> Unsteady | None:
+        """How far the gain changes among recordings of these drives beside the last model."""
+        model = self.ladder.last.point.model
+        if self._gain is None or self._gain[0] is not groups or self._gain[1] is not model:
+            self._gain = groups, model, unsteady(groups, self.space.whitener, model)
+        return self._gain[2]
 
     @property
     def noise_nm(self) -> float:
@@ -222,7 +231,7 @@ def _as_aged(
     they show; None where they do not.
     """
     unseen = None if brief else ages_unseen(
-        clean, search.space.whitener, search.ladder.last.point.model
+        clean, search.space.whitener, search.ladder.last.point.model, search.unsteady
     )  # fmt: skip
     if unseen is None:
         return None

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -15,8 +16,6 @@ from piezo_rig.chain import Model
 from piezo_rig.chain.bend import Bend
 from piezo_rig.diagnosis.abreast import abreast
 from piezo_rig.diagnosis.among_repeats import as_able
-from piezo_rig.diagnosis.bands import shared_band
-from piezo_rig.diagnosis.bursts import bursts
 from piezo_rig.diagnosis.checks import (
     baseline_warnings,
     beyond_its_drives,
@@ -26,8 +25,7 @@ from piezo_rig.diagnosis.checks import (
 )
 from piezo_rig.diagnosis.claimed import final_model, parameters_of
 from piezo_rig.diagnosis.climbed import Climbed
-from piezo_rig.diagnosis.confusion import confusion
-from piezo_rig.diagnosis.early import find_line
+from piezo_rig.diagnosis.confusion import Confusion, confusion
 from piezo_rig.diagnosis.early.remembered import without_remembered
 from piezo_rig.diagnosis.engine import plainly
 from piezo_rig.diagnosis.fit import Point, starting_model
@@ -49,32 +47,13 @@ from piezo_rig.diagnosis.in_step import in_step, out_of_step
 from piezo_rig.diagnosis.in_turns import InTurns, TurnsBetween
 from piezo_rig.diagnosis.isolability import Workings
 from piezo_rig.diagnosis.ladder import Step
-from piezo_rig.diagnosis.levels import levels
 from piezo_rig.diagnosis.memory import give_back
 from piezo_rig.diagnosis.offsets import recording_offsets
 from piezo_rig.diagnosis.refit import settle
 from piezo_rig.diagnosis.refusals import BESIDE
-from piezo_rig.diagnosis.ripples import find_drive_ripple, find_ripple
-from piezo_rig.diagnosis.rungs import Gain, by_laws_nm, rungs_of
-from piezo_rig.diagnosis.scan import LEVEL
-from piezo_rig.diagnosis.slips import open_nm, slips
-from piezo_rig.diagnosis.unexplained import (
-    Unexplained,
-    unexplained,
-    with_band,
-    with_bursts,
-    with_drifting,
-    with_gain,
-    with_levels,
-    with_line,
-    with_ripple,
-    with_slips,
-    with_wandering,
-)
+from piezo_rig.diagnosis.rest import Seen, looks, rest_of
+from piezo_rig.diagnosis.rungs import Gain, rungs_of
 from piezo_rig.diagnosis.unlike import within_what_is_wrong, within_what_remains
-from piezo_rig.diagnosis.unsteady import unsteady, unsteady_cycles
-from piezo_rig.diagnosis.wandering import AGEING, WANDERS, wandering
-from piezo_rig.diagnosis.warming import drifting
 from piezo_rig.identification import prepare
 from piezo_rig.run_file.sweep import Sweep
 
@@ -182,11 +161,14 @@ def _answer(
     clean = _on_the_scale_of(search.space.groups, turns.clean)
     space, last = search.space, search.ladder.last
     steps = [*search.monitored, *search.ladder.steps]
-    tell("held out")
-    rungs, gains, carried = _figures(turns, name, steps)
-    notes = [*notes, *_on_the_figures(search, rungs, carried)]
-    tell("what can be told apart")
+    refused = search.ladder.scans[-1].refused if search.ladder.scans else {}
+    refused = _still_true(refused, {s.cause for s in steps})
+    tell("held out, what can be told apart, and the rest")
     settle(space, last.point)
+    looked = _looked(turns, clean, steps, refused)
+    names = [name, *(cause for cause, _ in turns.cleaned[1:]), *(s.cause for s in steps)]
+    rungs, gains = rungs_of(names, looked.errors, turns.rng)
+    notes = [*notes, *_on_the_figures(search, rungs, looked.carried)]
     model = final_model(last, name, search.spread)
     findings = [
         Finding(f.cause, CAUSES[f.cause].place, min(f.p_value, 1.0),
@@ -195,7 +177,7 @@ def _answer(
         for i, f in enumerate(early)
     ]  # fmt: skip
     before = len(turns.cleaned) - 1
-    own = _of_the_ladder(search, steps, gains[before:], model, rungs[-1].rms_nm)
+    own = _of_the_ladder(search, steps, gains[before:], looked.apart, model, rungs[-1].rms_nm)
     findings += own
     notes += [
         f"the base model has a memoryless bend: {BENDS[s.cause]}" for s in steps
@@ -208,10 +190,7 @@ def _answer(
         elif extrapolates(space):
             why = "the last cycles go further than all before them: nothing can be held out"
         notes.append(f"{why}; figures are of the fit itself, gains are not given")
-    tell("the rest")
-    refused = search.ladder.scans[-1].refused if search.ladder.scans else {}
-    refused = _still_true(refused, {s.cause for s in steps})
-    rest = _rest(turns, clean, rungs, refused)
+    rest = rest_of(turns, clean, rungs, looked.seen)
     in_vain = turns.patience.note if rest.detected else None
     notes += [in_vain] if in_vain else []
     if rest.detected and own:
@@ -244,24 +223,38 @@ def _answer(
     )  # fmt: skip
 
 
-def _figures(
-    turns: InTurns, name: str, steps: Sequence[Step]
-) -> tuple[list[Rung], list[Gain], list[Errors]]:
-    """Every rung with its errors; what each gained; where the climb held out other things than the
-    figures do, the errors of the first and the last rung on those.
+class _Looked(NamedTuple):
+    """Errors of every rung; where the climb held out other things than the figures do, those of
+    the first and the last rung on these; of every finding of the ladder what it cannot be told
+    from; what is seen in the rest.
     """
+
+    errors: list[Errors]
+    carried: list[Errors]
+    apart: list[Confusion]
+    seen: Seen
+
+
+def _looked(
+    turns: InTurns, clean: Groups, steps: Sequence[Step], refused: Mapping[str, str]
+) -> _Looked:
+    """All that may be done in any order once the ladder is climbed."""
     search, space = turns.search, turns.search.space
-    kind, folds = search.kind, search.folds
-    every = [
+    kind, folds, last = search.kind, search.folds, search.ladder.last
+    errors = [
         *(partial(held_out_errors, space, search.first, kind, g) for _, g in turns.cleaned),
         *(partial(search.figures, s.fitted) for s in steps),
     ]  # fmt: skip
     carried = [
-        partial(held_out_errors, space, f, folds) for f in (search.first, search.ladder.last)
+        partial(held_out_errors, space, f, folds) for f in (search.first, last)
     ] if folds == "condition" != kind else []  # fmt: skip
-    found = abreast(space, [*every, *carried])
-    names = [name, *(cause for cause, _ in turns.cleaned[1:]), *(s.cause for s in steps)]
-    return *rungs_of(names, found[: len(every)], turns.rng), found[len(every) :]
+    apart = [partial(confusion, space, last, s.cause) for s in steps if s.cause not in NO_FINDINGS]
+    every: list[Callable[[], Any]] = [*errors, *carried, *apart, *looks(turns, clean, refused)]
+    found = iter(abreast(space, every))
+    return _Looked(
+        [next(found) for _ in errors], [next(found) for _ in carried],
+        [next(found) for _ in apart], Seen(*found),
+    )  # fmt: skip
 
 
 def _on_the_figures(
@@ -316,15 +309,15 @@ def _in_every_fit(search: Climbed) -> list[str]:
 
 
 def _of_the_ladder(
-    search: Climbed, steps: Sequence[Step], gains: Sequence[Gain], model: Model, left_nm: float
-) -> list[Finding]:
+    search: Climbed, steps: Sequence[Step], gains: Sequence[Gain], apart: Sequence[Confusion],
+    model: Model, left_nm: float,
+) -> list[Finding]:  # fmt: skip
     """Findings among the rungs, each with what these data cannot tell it from.
 
-    ``left_nm`` : held-out error of the last rung
+    ``apart`` : of each of them; ``left_nm`` : held-out error of the last rung
     """
     space, last = search.space, search.ladder.last
     told = [(s, g) for s, g in zip(steps, gains, strict=True) if s.cause not in NO_FINDINGS]
-    apart = abreast(space, [partial(confusion, space, last, s.cause) for s, _ in told])
     members = {s.cause for s in steps}
     found = []
     for (step, gain), one in zip(told, apart, strict=True):
@@ -346,39 +339,6 @@ def _of_the_ladder(
     return found
 
 
-def _rest(
-    turns: InTurns, clean: Groups, rungs: Sequence[Rung], refused: dict[str, str]
-) -> Unexplained:
-    """What nobody has a name for.
-
-    ``refused`` : causes that were not taken in, with the reason
-    """
-    search = turns.search
-    space, last, floor = search.space, search.ladder.last, search.floor_nm
-    model, left_nm = last.point.model, rungs[-1].rms_nm
-    noise_nm = floor or min(left_nm, space.sample_noise_nm)
-    rest = unexplained(space, last, noise_nm, by_laws_nm(rungs), turns.rng, left_nm)
-    line = find_line(clean, model)
-    rest = with_line(rest, line, floor, _frequencies(clean))
-    ripple = turns.aside
-    if ripple is None and (line is None or line.p_value > LEVEL):  # which is one at one speed
-        ripple = find_ripple(clean, model) or find_drive_ripple(clean, model)
-    rest = with_ripple(rest, ripple, floor or space.sample_noise_nm)
-    gain = unsteady(space.groups, space.whitener, model)
-    rest = with_gain(rest, gain, floor or 0.0, by_laws_nm(rungs, AGEING))
-    if refused.get(AGEING) == WANDERS:
-        rest = with_wandering(rest, *wandering(space, last))
-    else:
-        gain = unsteady_cycles(space.groups, space.whitener, model)
-        rest = with_gain(rest, gain, noise_nm, by_laws_nm(rungs, AGEING), "cycles")
-    at_one_time = space.groups.with_([g.at_one_time(model) for g in space.groups.groups])
-    rest = with_drifting(rest, drifting(at_one_time, model))
-    rest = with_bursts(rest, bursts(space.groups, model), floor)
-    rest = with_levels(rest, levels(clean))
-    rest = with_slips(rest, slips(space, last), noise_nm, open_nm(space, last))
-    return with_band(rest, shared_band(clean, model), noise_nm)
-
-
 def _but_for(
     refused: Mapping[str, str], confused: Mapping[str, Sequence[str]]
 ) -> dict[str, str]:
@@ -394,12 +354,6 @@ def _still_true(refused: Mapping[str, str], members: set[str]) -> dict[str, str]
         cause: why if not why.startswith(BESIDE) or why.removeprefix(BESIDE) in members else gone
         for cause, why in refused.items()
     }
-
-
-def _frequencies(groups: Groups) -> list[float]:
-    """Of the drives, Hz: what most half loops are half a period of."""
-    halves = [(g.time_s[g.loops.stop] - g.time_s[g.loops.start]) for g in groups.groups]
-    return [0.5 / max(float(np.median(h)), 1e-9) for h in halves if h.size]
 
 
 def _on_the_scale_of(known: Groups, groups: Groups) -> Groups:

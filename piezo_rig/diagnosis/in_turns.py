@@ -42,7 +42,7 @@ from piezo_rig.diagnosis.groups import Groups
 from piezo_rig.diagnosis.left_creeping import less_what_creeps_on
 from piezo_rig.diagnosis.patience import Patience
 from piezo_rig.diagnosis.refit import Fitted
-from piezo_rig.diagnosis.ripples import AnyRipple, left_of, set_aside, without
+from piezo_rig.diagnosis.ripples import AnyRipple, Aside, left_of, set_aside, without
 from piezo_rig.diagnosis.scale import at_one_phase, read_anew
 from piezo_rig.diagnosis.scan import LEVEL
 from piezo_rig.run_file.sweep import Sweep
@@ -163,8 +163,15 @@ class InTurns:
         if self.early:
             self.whole = self.early[-1].groups
             self.start = plainly(self.whole, point)
-        self._set_aside()
-        self.clean = at_one_phase(self.whole, self.start.point.model)
+        base = self.start.point
+        found, self.clean = both(
+            self.start.space, self._to_set_aside, lambda: at_one_phase(self.whole, base.model),
+            [self.whole, *self.start.parts],
+        )  # fmt: skip
+        if found is not None:
+            self.aside, self.whole = found.ripple, found.groups
+            self.start = plainly(self.whole, base)
+            self.clean = at_one_phase(self.whole, self.start.point.model)
         if self.clean is not self.whole:
             self.notes.append(
                 "the interferometer's periodic error has another phase in every recording: "
@@ -175,21 +182,18 @@ class InTurns:
             self.notes += self.reading.notes
             self.warnings += self.reading.warnings
 
-    def _set_aside(self) -> None:
-        """An error that comes back with displacement or drive, and has no name."""
+    def _to_set_aside(self) -> Aside | None:
+        """An error that comes back with displacement or drive, and has no name; None without."""
         base, bent = self.start.point, with_a_bend(self.whole, self.start.point)
         # a base that lacks a bend leaves more than a ripple is, with kinks that come back like one
         if bent is not None and left_of(self.whole, bent.model) < BENT * left_of(
             self.whole, base.model
         ):
             base = bent
-        found = set_aside(
+        return set_aside(
             self.whole, base, lambda groups, p: plainly(groups, p).point,
             SHARE * LEVEL / self.tried,
         )  # fmt: skip
-        if found is not None:
-            self.aside, self.whole = found.ripple, found.groups
-            self.start = plainly(self.whole, self.start.point)
 
     def _without(self, groups: Groups, model: Model) -> Groups:
         """Recordings less what was set aside."""

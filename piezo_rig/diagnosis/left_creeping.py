@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 
 from piezo_rig.causes.creep import Creep
 from piezo_rig.chain.relaxation import relaxations_each
-from piezo_rig.diagnosis import engine
 from piezo_rig.diagnosis.groups import Group, Groups
 from piezo_rig.diagnosis.refit import Fitted, refit
 
@@ -57,8 +56,7 @@ def less_what_creeps_on(fitted: Fitted, groups: Groups) -> Less | None:
     for _ in range(TURNS):
         stage = there.point.model.stage(Creep.id)
         assert isinstance(stage, Creep)
-        again, _ = engine.space_of(_less(space.groups, left, stage), space.whitener, point.model)
-        again.excluded, again.longest = space.excluded, space.longest
+        again = space.with_measured(_less(space.groups, left, stage))
         there = refit(again, there.point, held=True)
         better = _less(groups, left, stage)
         if there.evidence < fitted.evidence:

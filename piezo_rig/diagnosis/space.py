@@ -18,6 +18,7 @@ from piezo_rig.chain import Model
 from piezo_rig.diagnosis import held
 from piezo_rig.diagnosis.columns import Columns, Numbers
 from piezo_rig.diagnosis.fit import Point
+from piezo_rig.diagnosis.groups import Groups
 from piezo_rig.diagnosis.linear import Frame, Key, Layout, Linear, Rows
 from piezo_rig.diagnosis.together import Together
 
@@ -58,6 +59,13 @@ class Space(Columns):
         if self._together is None:
             self._together = Together.of(self.groups)
         return self._together
+
+    def with_measured(self, groups: Groups) -> Space:
+        """The space of other recordings of the same drives, in the same noise: of the columns none
+        depends on what was measured.
+        """
+        state = self.state() | {"groups": groups, "warm": {}, "_linears": {}}
+        return Space(**state)
 
     def keep(self, point: Point, linear: Linear) -> None:
         """Hold the matrices about a point; those of the latest few are, for they are large."""
