@@ -7,7 +7,8 @@ initiation curve has a table. What lies beyond the excursion, later branches do 
 of much less than the drive is not recognised.
 
 Of a sitting in which everything is played twice, only the first recording of all begins at rest.
-It is compared with its repeat, and used from where both have the same memory.
+It is compared with its repeat, and used from where both have the same memory. Where both begin
+alike, they remember the same: a drift that settles leaves something behind in a first cycle too.
 """
 
 from __future__ import annotations
@@ -39,6 +40,7 @@ STEEP, RINGS = 0.02, 500  # of the drive's span, within those: an edge of it; sa
 REMEMBERS = "as after an earlier excursion that was not recorded"
 AMONG = "it comes after others, most of which begin with a memory"
 UNLIKE = "a repeat of it begins otherwise and goes on alike"
+ALIKE = "a repeat of it that remembers what was before begins as it does"
 WORSE = 2.0  # misfit of a virgin beginning, of that
 
 
@@ -57,6 +59,13 @@ def without_remembered(data: Data, sweeps: Sequence[Sweep], point: Point) -> Dat
             if any(_differs(t, o) for o in data.tracks if not o.virgin and same_drive(t, o, sweeps))
         }
         found |= _among(data, sweeps, [t for t in guessed if sweeps[t.sweeps[0]].name not in found])
+        found |= {
+            sweeps[t.sweeps[0]].name: ALIKE for t in guessed
+            if sweeps[t.sweeps[0]].name not in found and any(
+                _begins_alike(t, o)
+                for o in data.tracks if not o.virgin and same_drive(t, o, sweeps)
+            )
+        }
         if not found:
             break
         unlike |= found
@@ -110,17 +119,34 @@ def _differs(track: Track, repeat: Track) -> bool:
     A step in what they differ by is damage, which one of the two has; but not within or
     soon after an edge of the drive, which asks at once for what they remember.
     """
-    n, begin = min(track.drive_v.size, repeat.drive_v.size), repeat.blocks[0][0]
-    if not 16 <= begin <= n - 16:
+    found = _apart(track, repeat)
+    if found is None:
         return False
-    off = track.displacement_um[:n] - repeat.displacement_um[:n]
-    off -= off[begin:].mean()
-    early, later = off[:begin], float(np.std(off[begin:]))
+    early, later = found
+    begin = early.size
     steep = np.abs(track.drive_v[4:begin] - track.drive_v[: begin - 4])
     at = np.arange(steep.size)
     edge = np.maximum.accumulate(np.where(steep > STEEP * np.ptp(track.drive_v), at, -RINGS))
     step = float(np.max(np.abs(early[4:] - early[:-4])[at - edge >= RINGS], initial=0.0))
     return bool(np.sqrt(np.mean(early**2)) > APART * later and step < SUDDEN * np.ptp(early))
+
+
+def _begins_alike(track: Track, repeat: Track) -> bool:
+    """Whether a repeat that begins with a memory differs no more at its beginning than later."""
+    found = _apart(track, repeat)
+    return found is not None and bool(np.sqrt(np.mean(found[0] ** 2)) < APART * found[1])
+
+
+def _apart(track: Track, repeat: Track) -> tuple[FloatArray, float] | None:
+    """What two recordings of one drive differ by, um, up to where the memory of the second is
+    known, and from there on, rms; None where too little is on either side.
+    """
+    n, begin = min(track.drive_v.size, repeat.drive_v.size), repeat.blocks[0][0]
+    if not 16 <= begin <= n - 16:
+        return None
+    off = track.displacement_um[:n] - repeat.displacement_um[:n]
+    off -= off[begin:].mean()
+    return off[:begin], float(np.std(off[begin:]))
 
 
 def _remembers(model: Model, track: Track, begin: int) -> bool:

@@ -141,6 +141,26 @@ def test_a_first_rise_is_no_repeat_of_one_that_only_seems_to_begin_at_rest():
     assert not any(after)
 
 
+def test_what_settles_at_the_beginning_of_a_sitting_is_no_first_rise():
+    """After a larger drive all loops that grow come back to where they begin; a zero that settles
+    leaves as much behind in the first recording as a virgin one would, and not in its repeat.
+    """
+    time = np.arange(4000) / RATE
+    grows = 36.0 * time / time[-1] * (1.0 - np.abs(2.0 * ((2.0 * time) % 1.0) - 1.0))
+    before = np.concatenate([np.linspace(0.0, 75.0, 200), np.linspace(75.0, 0.0, 200)])
+    sweeps = sitting(0.0, (before, grows, triangle(1)))[1:3]
+    sweeps += [s.with_(name=f"sweep_{4 + k:04d}", start_time=s.start_time + 300.0)
+               for k, s in enumerate(sweeps)]  # fmt: skip
+    first = sweeps[0]
+    settles = -0.02 * np.exp(-time / 1.0)
+    sweeps[0] = first.with_(sensor_v=first.displacement_um + settles)
+    again = 3.0 * np.random.default_rng(9).standard_normal(time.size) * 1e-3
+    sweeps[2] = sweeps[2].with_(sensor_v=sweeps[2].displacement_um + again)
+    before, after = rises(sweeps)
+    assert before[0]
+    assert not any(after)
+
+
 def test_damage_to_a_first_rise_does_not_make_it_another():
     volts = triangle(1)
     moved = moved_by(volts, 0.0)
