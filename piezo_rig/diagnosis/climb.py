@@ -77,6 +77,8 @@ OF_ANOTHERS = 0.5  # log-likelihood of a rival beside the member that was taken,
 MASKED = 0.5  # worth of a cause, of that of one which was refused for what it predicts
 HOPE = 1.5  # times what the last step of a climb gained that each further one may gain
 PAIR = 2  # causes, each gaining as much as the best by a linear look, that may do for a detour
+# of what a member said, that the newest says at most where that one is not looked at once more
+FAR_LESS = 0.1
 Tell = Callable[[str], None]
 
 
@@ -392,10 +394,13 @@ class Search:
 
         How far the laws of the first spring reach is looked for at the end, unless the newest is a
         table, and much is still amiss: a reach that was found without that one made up for it.
+        One that says far more than the newest needed not make up for that.
         """
+        gained = self.gained()
+        newest = 0.0 if len(self.causes) < members else gained[self.causes[-1]]
         for id in self.causes if len(self.causes) < members else self.causes[:-1]:
             stage = self.fitted.point.model.stage(id)
-            if not isinstance(stage, Cause):
+            if not isinstance(stage, Cause) or 0.0 < newest < FAR_LESS * gained[id]:
                 continue
             scanned = stage.scanned[0] in stage.optional and stage.scanned[0] in stage.parameters
             beside_table = CAUSES[self.causes[-1]].has_elements and id != self.causes[-1]
@@ -409,6 +414,12 @@ class Search:
             fitted = in_another_form(self.space, self.fitted, id)
             fitted = in_another_shape(self.space, fitted, id)
             self.steps[-1] = replace(self.steps[-1], fitted=fitted)
+
+    def gained(self) -> dict[str, float]:
+        """Log-likelihood that every member said when it was taken in."""
+        fits = [self.first, *(s.fitted for s in self.steps)]
+        return {s.cause: s.fitted.evidence - before.evidence
+                for s, before in zip(self.steps, fits, strict=False)}  # fmt: skip
 
     def reach_anew(self, id: str) -> None:
         """A law of the first spring once more in all its forms, wherever each may begin."""

@@ -13,7 +13,7 @@ alike, they remember the same: a drift that settles leaves something behind in a
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,6 +39,7 @@ SUDDEN = 0.3  # of the whole difference, within four samples: damage
 STEEP, RINGS = 0.02, 500  # of the drive's span, within those: an edge of it; samples it rings for
 REMEMBERS = "as after an earlier excursion that was not recorded"
 AMONG = "it comes after others, most of which begin with a memory"
+AFTER = "it comes after one that remembers an earlier excursion"
 UNLIKE = "a repeat of it begins otherwise and goes on alike"
 ALIKE = "a repeat of it that remembers what was before begins as it does"
 WORSE = 2.0  # misfit of a virgin beginning, of that
@@ -96,7 +97,7 @@ def without_remembered(data: Data, sweeps: Sequence[Sweep], point: Point) -> Dat
     if not kept:
         return data
     left = [t for t in guessed if sweeps[t.sweeps[0]].name not in kept]
-    unlike |= _among(data, sweeps, left)
+    unlike |= _among(data, sweeps, left) | _after(sweeps, left, kept)
     return prepare(sweeps, first_rises=True, clipped=True, not_from_rest=unlike | kept)
 
 
@@ -111,6 +112,18 @@ def _among(data: Data, sweeps: Sequence[Sweep], guessed: Sequence[Track]) -> dic
     begun = min(s.start_time for s in sweeps)
     members = [sweeps[t.sweeps[0]] for t in guessed]
     return {s.name: AMONG for s in members if s.start_time > begun}
+
+
+def _after(
+    sweeps: Sequence[Sweep], guessed: Sequence[Track], known: Mapping[str, str]
+) -> dict[str, str]:
+    """Those that come after one which remembers an earlier excursion: it is there in them too.
+
+    ``known`` : what says that sweeps begin with a memory, by their names
+    """
+    begun = min((s.start_time for s in sweeps if known.get(s.name) == REMEMBERS), default=np.inf)
+    members = [sweeps[t.sweeps[0]] for t in guessed]
+    return {s.name: AFTER for s in members if s.start_time > begun}
 
 
 def _differs(track: Track, repeat: Track) -> bool:

@@ -161,6 +161,18 @@ def test_what_settles_at_the_beginning_of_a_sitting_is_no_first_rise():
     assert not any(after)
 
 
+def test_what_comes_after_a_recording_that_remembers_remembers_as_well():
+    """Whatever else is amiss in it: warmth that fades here."""
+    sweeps = ridden(triangle, 45.0)
+    time = np.arange(sweeps[1].samples) / RATE
+    warm = 0.15 * np.exp(-time / 0.4)
+    alone = sweeps[1].with_(sensor_v=sweeps[1].displacement_um + warm)
+    begun = [replace(s, start_time=t) for s, t in zip([sweeps[0], alone], (5.0, 30.0), strict=True)]
+    assert rises(begun)[1] == [False, False]
+    earlier = [replace(s, start_time=t) for s, t in zip(begun, (30.0, 5.0), strict=True)]
+    assert rises(earlier)[1] == [False, True]
+
+
 def test_damage_to_a_first_rise_does_not_make_it_another():
     volts = triangle(1)
     moved = moved_by(volts, 0.0)
