@@ -32,7 +32,7 @@ from piezo_rig.diagnosis.patience import Patience
 from piezo_rig.diagnosis.put_in import LARGE
 from piezo_rig.diagnosis.race import raced
 from piezo_rig.diagnosis.reduction import reduce
-from piezo_rig.diagnosis.refit import Fitted, refit, settle
+from piezo_rig.diagnosis.refit import Fitted, gained, refit, settle
 from piezo_rig.diagnosis.refusals import (
     BESIDE,
     CAME_TO_NOTHING,
@@ -305,7 +305,7 @@ class Search:
                 self.bar(id, here, SAYS_NO_MORE, MUCH_NEARER)
                 self.spoiled[id] = Step(id, float(family[i]), fitted)  # alone, that is
                 continue
-            if fitted.evidence - here.evidence > LARGE:
+            if gained(fitted, here) > LARGE:
                 fitted = converged(self.space, fitted)
             doubtful = (family[i] > DOUBTFUL and not of_base(id)) or self.may_go_on(id)
             against = worse(self, fitted, here, doubtful) or of_a_law(self, fitted, id, here)

@@ -9,7 +9,7 @@ from piezo_rig.causes.cause import FirstSpring
 from piezo_rig.diagnosis.forms import CARRIES, carries, reached
 from piezo_rig.diagnosis.needed import worth_needed
 from piezo_rig.diagnosis.put_in import LARGE
-from piezo_rig.diagnosis.refit import Fitted
+from piezo_rig.diagnosis.refit import Fitted, gained
 from piezo_rig.diagnosis.scan import Found
 
 if TYPE_CHECKING:
@@ -33,9 +33,9 @@ def grown(
     id = found.result.ids[i]
     # a law that is steep may be far behind until it is begun so
     steep = most < LARGE and issubclass(CAUSES[id], FirstSpring)
-    if steep or fitted.evidence - here.evidence >= FAR_BEHIND * most:
+    if steep or gained(fitted, here) >= FAR_BEHIND * most:
         fitted = reached(search.space, fitted, id, here)
     chance = 2.0 * found.result.null_median[i] + worth_needed(fitted, id)
     chance += CARRIES * carries(fitted, id)
-    worth = float(fitted.evidence - here.evidence - chance)
+    worth = float(gained(fitted, here) - chance)
     return worth, fitted, search.error(0, fitted) if worth > 0.0 else None

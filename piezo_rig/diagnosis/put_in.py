@@ -25,7 +25,14 @@ from piezo_rig.diagnosis.forms import (
     walked,
 )
 from piezo_rig.diagnosis.needed import does_nothing, needless
-from piezo_rig.diagnosis.refit import Fitted, refit, refit_either_way, settle, square_of
+from piezo_rig.diagnosis.refit import (
+    Fitted,
+    gained,
+    refit,
+    refit_either_way,
+    settle,
+    square_of,
+)
 from piezo_rig.diagnosis.scan import Form, Found, extended, of_base
 from piezo_rig.diagnosis.shapes import in_another_shape
 from piezo_rig.diagnosis.space import Space
@@ -48,7 +55,7 @@ def descended(space: Space, point: Point, here: Fitted, promised: float) -> Fitt
     A level that is stepped over leaves nothing to step back by.
     """
     fitted = refit_either_way(space, point)
-    if fitted.evidence - here.evidence >= LOST * promised:
+    if gained(fitted, here) >= LOST * promised:
         return fitted
     near = refit(space, point, steps=1, held=True)
     there = refit(space, near.point, steps=0, held=True)  # by the tangent there
@@ -220,8 +227,9 @@ def plainer(found: Found, id: str) -> Form | None:
     if number not in best[1][0].parameters:
         return None
     without = [f for f in found.forms[id] if number not in f[1][0].parameters]
-    likely = [found.likelihood.evidence(columns) for columns, _ in without]
-    if max(likely, default=-np.inf) < found.likelihood.evidence(best[0]) - AS_MUCH:
+    likelihood = found.asking(id)
+    likely = [likelihood.evidence(columns) for columns, _ in without]
+    if max(likely, default=-np.inf) < likelihood.evidence(best[0]) - AS_MUCH:
         return None
     return without[int(np.argmax(likely))]
 
@@ -246,7 +254,7 @@ def refitted(
                 other = descended(space, there, here, promised)
                 fitted = max(fitted, other, key=lambda f: f.evidence)
             fitted = _at_the_other_end(space, here, fitted, candidate.id)
-        if fitted.evidence > here.evidence + LARGE:
+        if gained(fitted, here) > LARGE:
             fitted = walked(space, further(space, fitted, candidate.id), candidate.id)
         fitted = beside_kinks(space, fitted, candidate.id)
         fitted = as_late(space, fitted, candidate.id)

@@ -16,7 +16,7 @@ from piezo_rig.diagnosis.bends import BEND
 from piezo_rig.diagnosis.grown import FAR_BEHIND, Tried, grown
 from piezo_rig.diagnosis.needed import at_a_limit
 from piezo_rig.diagnosis.put_in import plainer, refitted
-from piezo_rig.diagnosis.refit import Fitted
+from piezo_rig.diagnosis.refit import Fitted, gained
 from piezo_rig.diagnosis.refusals import FAR_OFF, MUCH
 from piezo_rig.diagnosis.scan import Form, Found, Scan, by_speed, has_reach, of_base
 from piezo_rig.diagnosis.steep import begun_steep
@@ -94,7 +94,7 @@ def tried(
     for i in set(map(int, close)) - {i for i, _ in begun}:
         search.came_to_nothing(result.ids[i], here)
     rivals = [*(fitted for *_, fitted in before), *(f for _, f in begun)]
-    most = max((f.evidence - here.evidence for f in rivals), default=0.0)
+    most = max((gained(f, here) for f in rivals), default=0.0)
     known = [part for _, f in begun for part in f.parts]
     # laws first: their forms are many
     begun.sort(key=lambda b: not has_reach(result.ids[b[0]]))
@@ -118,10 +118,10 @@ def _as_fast(
     """What may be taken for the likeliest cause that goes by speed, unless that one neither
     promised nor gained nearly as much as the best refit.
     """
-    gained = {i: fitted.evidence - here.evidence for _, i, fitted in fits}
-    least = FAR_BEHIND * max(gained.values(), default=0.0)
+    said = {i: gained(fitted, here) for _, i, fitted in fits}
+    least = FAR_BEHIND * max(said.values(), default=0.0)
     near = any(
-        max(gained.get(i, 0.0), result.excess[i]) >= least
+        max(said.get(i, 0.0), result.excess[i]) >= least
         for i in result.close(good) if by_speed(result.ids[i])
     )  # fmt: skip
     return result.alike(good) if near else []

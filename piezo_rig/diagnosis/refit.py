@@ -8,7 +8,7 @@ explain left open, so that their intervals hold although the base is never exact
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -248,6 +248,22 @@ def refit(
     evidence = likelihood.evidence(used)
     space.keep(point, linear)
     return Fitted(point, space, covariance, scales, evidence)
+
+
+def gained(fitted: Fitted, here: Fitted) -> float:
+    """Log-likelihood that a fit says more than another one, by what it may be wrong by itself.
+
+    A model with a trend of its own leaves the dictionary none: what the dictionary's trends say
+    beside the other is no evidence against it.
+    """
+    linear, unknown = here.linear, fitted.linear.unknown
+    if unknown is None or linear.unknown is not None:
+        return fitted.evidence - here.evidence
+    point = here.point
+    without, columns = _likelihood(point, replace(linear, unknown=unknown, axes={}))
+    with_them, _ = _likelihood(point, linear)
+    less = with_them.evidence(columns) - without.evidence(columns)
+    return fitted.evidence - here.evidence + less
 
 
 def refit_either_way(space: Space, point: Point) -> Fitted:

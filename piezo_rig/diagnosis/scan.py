@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -220,6 +221,7 @@ class Found:
     linear, likelihood : about the model, all examples as trials
     chosen : cause -> columns and examples of its best form
     forms : cause -> those of every form
+    driven : see `Space.driven`
     """
 
     result: Scan
@@ -228,6 +230,19 @@ class Found:
     likelihood: Likelihood
     chosen: dict[str, Form]
     forms: dict[str, list[Form]]
+    driven: FloatArray
+
+    def asking(self, id: str) -> Likelihood:
+        """What its forms are compared by. A trend of its own has none of the dictionary's beside
+        it, any of which does much of what one does that dies away.
+        """
+        return self._by_drive if CAUSES[id].locked_to == CLOCK else self.likelihood
+
+    @cached_property
+    def _by_drive(self) -> Likelihood:
+        if self.linear.unknown is not None:
+            return self.likelihood
+        return Likelihood(reduce(replace(self.linear, unknown=self.driven, axes={})))
 
     def at_either_end(self, id: str) -> list[list[Form]]:
         """Its forms by which of their parameters say anything, where that is not always the same:
@@ -280,7 +295,7 @@ def scan(
     if not kept:
         empty = np.zeros(0)
         result = Scan((), empty, empty, empty, empty, refused)
-        return Found(result, kept, linear, likelihood, {}, {})
+        return Found(result, kept, linear, likelihood, {}, {}, space.driven)
     scored = score(likelihood, hypotheses, owners, rng, LEVEL / len(kept))
     p_value = _by_the_clock(space, linear, kept, where, scored, rng)
     result = Scan(
@@ -296,7 +311,7 @@ def scan(
         c.id: (hypotheses[scored.chosen[i]], forms[scored.chosen[i]]) for i, c in enumerate(kept)
     }
     every = {c.id: list(zip(where[c.id], c.variants, strict=True)) for c in kept}
-    return Found(result, kept, linear, likelihood, chosen, every)
+    return Found(result, kept, linear, likelihood, chosen, every, space.driven)
 
 
 def _by_the_clock(

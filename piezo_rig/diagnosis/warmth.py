@@ -17,7 +17,7 @@ from piezo_rig.chain.stage import Signal, Stage
 from piezo_rig.diagnosis.context import context_of
 from piezo_rig.diagnosis.likelihood import Likelihood
 from piezo_rig.diagnosis.reduction import reduce
-from piezo_rig.diagnosis.refit import Fitted, settle
+from piezo_rig.diagnosis.refit import Fitted, gained, settle
 from piezo_rig.diagnosis.scan import of_base
 from piezo_rig.diagnosis.space import Space
 
@@ -51,11 +51,11 @@ def of_warmth(space: Space, here: Fitted, fitted: Fitted, id: str) -> str | None
     """Why a model's newest member is refused: what it says, warmth says better."""
     if of_base(id) or not _may_show(space, fitted):
         return None
-    gained = fitted.evidence - here.evidence
+    says = gained(fitted, here)
     warm = warmth(space, here)
-    if warm < gained + PLAINLY:
+    if warm < says + PLAINLY:
         return None
-    return OF_WARMTH if gained + warmth(space, fitted) - warm < HARDLY * gained else None
+    return OF_WARMTH if says + warmth(space, fitted) - warm < HARDLY * says else None
 
 
 def still_warm(space: Space, fitted: Fitted) -> bool:
@@ -64,8 +64,10 @@ def still_warm(space: Space, fitted: Fitted) -> bool:
 
 
 def _may_show(space: Space, fitted: Fitted) -> bool:
-    """Whether warmth can be told from what goes on with every cycle: where speeds differ."""
-    if fitted.point.fixed:
+    """Whether warmth can be told from what goes on with every cycle: where speeds differ, and
+    recordings last for as long as it takes to come and go.
+    """
+    if fitted.point.fixed or space.scales.longest_s < min(AFTER_S):
         return False
     return context_of(space, fitted.point.model).several_speeds
 

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from scipy.signal import lfilter
 
 from piezo_rig.chain import Signal
-from piezo_rig.diagnosis import diagnose
+from piezo_rig.diagnosis import diagnose, warmth
 from piezo_rig.diagnosis.warmth import Warmth
 from piezo_rig.run_file.sweep import Sweep
 from tests.diagnosis.sliders import play
@@ -82,6 +84,22 @@ def test_a_creep_of_a_warm_actuator_is_named_and_its_warmth_is_not(seed):
     ))  # fmt: skip
     assert [f.cause for f in found.findings] == ["creep"]
     assert found.unexplained.detected
+
+
+@pytest.mark.parametrize(("lasts_s", "may"), [(0.4, False), (3.0, True)])
+def test_warmth_is_not_told_from_a_drift_while_recordings_are_over_before_it_comes(
+    monkeypatch, lasts_s, may
+):
+    monkeypatch.setattr(warmth, "context_of", lambda *_: SimpleNamespace(several_speeds=True))
+    monkeypatch.setattr(warmth, "warmth", lambda _, fitted: fitted.says)
+    space = SimpleNamespace(scales=SimpleNamespace(longest_s=lasts_s))
+    point, plain = SimpleNamespace(fixed=(), model=None), SimpleNamespace(unknown=None)
+    here, fitted = (
+        SimpleNamespace(point=point, evidence=e, linear=plain, says=w)
+        for e, w in ((0.0, 200.0), (60.0, 140.0))
+    )  # fmt: skip
+    assert warmth.still_warm(space, here) == may
+    assert (warmth.of_warmth(space, here, fitted, "thermal-drift") is not None) == may
 
 
 def test_warmth_approaches_what_a_steady_speed_makes_of_it():
