@@ -19,6 +19,7 @@ from piezo_rig.diagnosis.own_laws import also
 from piezo_rig.diagnosis.refit import Fitted, refit, settle
 from piezo_rig.diagnosis.refusals import CAME_TO_NOTHING, SAYS_NO_MORE, worse
 from piezo_rig.diagnosis.scan import LATER, FloatArray, Scan, by_speed, has_reach, of_base, scan
+from piezo_rig.diagnosis.space import CLOCK
 from piezo_rig.diagnosis.spare import NEEDED, far_off
 
 if TYPE_CHECKING:
@@ -194,12 +195,19 @@ def together(search: Search, here: Fitted) -> bool:
     they explain much of it.
 
     The likeliest that was refused for its held-out error, or that alone says nothing, is put in,
-    and what then fits best.
+    and what then fits best; failing that, the likeliest of those that go by the clock: with a law
+    of turning points in its place nothing is left for a drift, and beside it the law is plain.
     """
     if search.aside or not search.spoiled:
         return False
-    first = max(search.spoiled.values(), key=lambda s: s.fitted.evidence)
+    spoiled = sorted(search.spoiled.values(), key=lambda s: -s.fitted.evidence)
+    drifts = [s for s in spoiled[1:] if CAUSES[s.cause].locked_to == CLOCK]
     search.spoiled = {}
+    return any(_beside(search, here, first) for first in (spoiled[0], *drifts[:1]))
+
+
+def _beside(search: Search, here: Fitted, first: Step) -> bool:
+    """Take one that was refused and what then fits best."""
     search.tell(f"with {first.cause} and one more")
     other = replace(
         search, steps=[*search.steps, first], scans=[], barred={}, refused_at={}, spoiled={}
