@@ -214,8 +214,9 @@ def _left_with(space: Space, point: Point, id: str) -> float:
         return np.inf
 
 
-def plainer(found: Found, id: str) -> Form | None:
-    """A form of a cause without a number that the best one has, if it says about as much.
+def plainer(found: Found, id: str, doubted: bool = False) -> Form | None:
+    """A form of a cause without a number that the best one has, if it says about as much, or the
+    best one is doubted.
 
     What such a number only follows the noise with predicts nothing: two recordings have any two
     slopes, and a drift that settles between them runs anywhere in a third. Which of the two it is
@@ -229,7 +230,9 @@ def plainer(found: Found, id: str) -> Form | None:
     without = [f for f in found.forms[id] if number not in f[1][0].parameters]
     likelihood = found.asking(id)
     likely = [likelihood.evidence(columns) for columns, _ in without]
-    if max(likely, default=-np.inf) < likelihood.evidence(best[0]) - AS_MUCH:
+    if not likely:
+        return None
+    if not doubted and max(likely) < likelihood.evidence(best[0]) - AS_MUCH:
         return None
     return without[int(np.argmax(likely))]
 

@@ -84,7 +84,16 @@ def tried(
         partial(refitted, search.space, here, found, i, form) for i, form in every
     ], here.parts)  # fmt: skip
     refits = dict(zip(slow, fits[: len(slow)], strict=True))
-    for i, plain in zip(forms, fits[len(slow) :], strict=True):
+    doubted = {
+        i: form for i in slow
+        if i not in forms and (fitted := refits[i]) is not None
+        and search.error(0, fitted) > search.error(0, here)
+        and (form := plainer(found, result.ids[i], doubted=True)) is not None
+    }  # fmt: skip
+    fits += abreast(search.space, [
+        partial(refitted, search.space, here, found, i, form) for i, form in doubted.items()
+    ], here.parts)  # fmt: skip
+    for i, plain in zip((*forms, *doubted), fits[len(slow) :], strict=True):
         best = refits[i]
         if plain is not None and (
             best is None or search.error(0, plain) < search.error(0, best)
