@@ -19,9 +19,9 @@ def found(chosen, *forms):
     """``forms`` : examples, and what they gain by a linear look"""
     gained = [gain for _, gain in forms]
     listed = [([k], form) for k, (form, _) in enumerate(forms)]
+    likelihood = SimpleNamespace(evidence=lambda columns: gained[columns[0]])
     return SimpleNamespace(
-        chosen={DRIFT: listed[chosen]}, forms={DRIFT: listed},
-        likelihood=SimpleNamespace(evidence=lambda columns: gained[columns[0]]),
+        chosen={DRIFT: listed[chosen]}, forms={DRIFT: listed}, asking=lambda id: likelihood
     )
 
 
@@ -53,6 +53,7 @@ def test_which_of_two_forms_it_is_what_was_held_out_says(
     monkeypatch.setattr(race, "abreast", lambda space, steps, known: [step() for step in steps])
     monkeypatch.setattr(race, "plainer", lambda found, id: ([0], STEADY))
     monkeypatch.setattr(race, "at_a_limit", lambda *_: False)
+    monkeypatch.setattr(race, "gained", lambda fitted, here: fitted.evidence - here.evidence)
     monkeypatch.setattr(race, "refitted", lambda space, here, found, i, form: (
         fits["settling" if form is None else "steady"]
     ))  # fmt: skip
