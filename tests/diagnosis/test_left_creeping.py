@@ -130,3 +130,16 @@ def test_what_a_pulse_leaves_dies_away_until_the_next_recording():
 ])  # fmt: skip
 def test_nobody_knows_what_was_before(groups):
     assert left_before(groups, np.array([0.3, 4.0])) is None
+
+
+def test_recordings_of_the_same_drives_are_fitted_by_the_same_columns():
+    space, plain = begun(sitting(False))
+    refit(space, plain)
+    other, _ = begun(sitting(True))
+    there = space.with_measured(other.groups)
+    assert there.fixed[0] is space.fixed[0]
+    before, kept, own = (
+        s.together.predicted(refit(s, plain).point.model) for s in (space, there, other)
+    )
+    assert kept == pytest.approx(own, abs=1e-5)
+    assert np.max(np.abs(kept - before)) > 1e-3

@@ -1,5 +1,7 @@
 """A law's reach that was found while a table was missing is looked for once more beside it."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -63,6 +65,22 @@ def test_it_is_looked_for_beside_a_table_where_much_is_amiss(
     space, first, far = fitted
     steps = Step("range-dependence", 1e-9, far), Step(newest, 1e-9, far)
     search = search_of(space, first, lambda f: error_nm, *steps)
+    heard = []
+    monkeypatch.setattr(Search, "reach_anew", lambda self, id: heard.append(id))
+    search.scan_anew()
+    assert heard == ["range-dependence"] * asked
+
+
+@pytest.mark.parametrize(("share", "asked"), [(0.05, False), (0.5, True)])
+def test_what_says_a_tenth_of_a_law_does_not_ask_for_it_once_more(
+    fitted, monkeypatch, share, asked
+):
+    space, first, far = fitted
+    gained = far.evidence - first.evidence
+    assert gained > 0.0
+    newest = replace(far, evidence=far.evidence + share * gained)
+    steps = Step("range-dependence", 1e-9, far), Step("initiation-stage", 1e-9, newest)
+    search = search_of(space, first, lambda f: 3.0, *steps)
     heard = []
     monkeypatch.setattr(Search, "reach_anew", lambda self, id: heard.append(id))
     search.scan_anew()
