@@ -396,11 +396,11 @@ class Search:
         table, and much is still amiss: a reach that was found without that one made up for it.
         One that says far more than the newest needed not make up for that.
         """
-        gained = self.gained()
-        newest = 0.0 if len(self.causes) < members else gained[self.causes[-1]]
+        said = self.said_when_taken()
+        newest = 0.0 if len(self.causes) < members else said[self.causes[-1]]
         for id in self.causes if len(self.causes) < members else self.causes[:-1]:
             stage = self.fitted.point.model.stage(id)
-            if not isinstance(stage, Cause) or 0.0 < newest < FAR_LESS * gained[id]:
+            if not isinstance(stage, Cause) or 0.0 < newest < FAR_LESS * said[id]:
                 continue
             scanned = stage.scanned[0] in stage.optional and stage.scanned[0] in stage.parameters
             beside_table = CAUSES[self.causes[-1]].has_elements and id != self.causes[-1]
@@ -415,7 +415,7 @@ class Search:
             fitted = in_another_shape(self.space, fitted, id)
             self.steps[-1] = replace(self.steps[-1], fitted=fitted)
 
-    def gained(self) -> dict[str, float]:
+    def said_when_taken(self) -> dict[str, float]:
         """Log-likelihood that every member said when it was taken in."""
         fits = [self.first, *(s.fitted for s in self.steps)]
         return {s.cause: s.fitted.evidence - before.evidence

@@ -4,9 +4,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from piezo_rig.causes import CAUSES
 from piezo_rig.diagnosis import detours
-from piezo_rig.diagnosis.put_in import plainer
 
 DRIFT, LAW, AGEING = "thermal-drift", "direction-asymmetry", "cycle-aging"
 
@@ -35,18 +33,3 @@ def test_beside_the_likeliest_a_drift_is_tried(monkeypatch, spoiled, works, trie
     assert detours.together(search, None) == (works is not None)
     assert asked == tried
     assert search.spoiled == {}
-
-
-@pytest.mark.parametrize(("doubted", "less_likely", "is_plain"), [
-    (False, 1.0, True), (False, 30.0, False), (True, 30.0, True),
-])  # fmt: skip
-def test_a_form_that_is_doubted_is_tried_without_its_number(doubted, less_likely, is_plain):
-    kind = CAUSES[DRIFT]
-    settles, steady = kind.of(None, rate=2.0, settling=0.3), kind.of(None, rate=2.0)
-    forms = [([0], (settles,)), ([1], (steady,))]
-    likelihood = SimpleNamespace(evidence=lambda columns: -less_likely * columns[0])
-    found = SimpleNamespace(
-        chosen={DRIFT: forms[0]}, forms={DRIFT: forms}, asking=lambda _: likelihood
-    )
-    assert (plainer(found, DRIFT, doubted) == forms[1]) == is_plain
-
