@@ -62,6 +62,20 @@ def at_one_frequency(groups: Groups) -> bool:
     return bool(high < SAME_TIME * low)
 
 
+def at_one_range(groups: Groups) -> bool:
+    """Whether all half loops but first rises go equally far, from the same drive: what depends on
+    how far they go shows in first rises alone.
+    """
+    drives = [
+        (g.drive_v[a], g.drive_v[b]) for g in groups.groups
+        for a, b in zip(g.loops.start[g.virgin :], g.loops.stop[g.virgin :], strict=True)
+    ]  # fmt: skip
+    if not drives:
+        return False
+    ends = np.sort(np.array(drives), axis=1)
+    return bool(np.all(np.ptp(ends, axis=0) < LEAST_SWING * groups.span_v))
+
+
 def _corners(groups: Groups) -> bool:
     """Whether the drive mostly turns from one sample to the next, at once at full speed."""
     turns, sharp = 0, 0

@@ -4,7 +4,8 @@ Where all triangles have one frequency half loops that go further are as much fa
 range and one of the speed differ by how they begin after a turn and by their curve, of which the
 forms that are known here need not be the actuator's. A law of the extremum whose spring keeps its
 force is one of the range over loops that begin at one voltage. A linear look may make little of
-either beside the other.
+either beside the other. Where all loops are equal a law of the range shows in the first rise alone,
+which a table of its own follows whatever it does.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ import numpy as np
 
 from piezo_rig.causes import CAUSES
 from piezo_rig.causes.cause import Cause, FirstSpring
-from piezo_rig.diagnosis.context import at_one_frequency
+from piezo_rig.diagnosis.context import at_one_frequency, at_one_range
 from piezo_rig.diagnosis.fit import Point
 from piezo_rig.diagnosis.forms import carries
 from piezo_rig.diagnosis.groups import Groups
@@ -46,17 +47,23 @@ def twins_of(search: Search, result: Scan, fits: Sequence[Tried]) -> list[int]:
 
 
 def are_twins(groups: Groups, id: str, other: str) -> bool:
-    """Whether one goes by the range and the other by the speed, of loops of one frequency."""
-    either = (like_speed(id) and like_range(other)) or (like_range(id) and like_speed(other))
-    return either and at_one_frequency(groups)
+    """Whether one goes by the range and the other by the speed, of loops of one frequency; or by
+    the range and by first rises alone, of equal loops.
+    """
+    for one, twin in ((id, other), (other, id)):
+        if like_speed(one) and like_range(twin) and at_one_frequency(groups):
+            return True
+        if like_speed(one) and CAUSES[twin].has_elements and at_one_range(groups):
+            return True
+    return False
 
 
 def foretelling_as_well(
     search: Search, here: Fitted, fitted: Fitted, id: str, refits: Mapping[str, Fitted],
     least: float,
 ) -> list[str]:  # fmt: skip
-    """Of a law of the range and one of the speed, at one frequency, the other, if it predicts what
-    is held out as well, were it only where plain least squares ends.
+    """Of a law and its twin the other, if it predicts what is held out as well; were it only where
+    plain least squares ends, but for a table, which follows whatever it is fitted to.
 
     Next to what elements may make up for, their evidence is of how well each has the form.
 
@@ -77,6 +84,8 @@ def foretelling_as_well(
             continue
         if other in refits and search.error(0, refits[other]) <= most:
             found.append(other)
+            continue
+        if CAUSES[id].has_elements or CAUSES[other].has_elements:
             continue
         known = refits[other].point.model.stage(other) if other in refits else None
         usual = known or candidate.variants[0][0]

@@ -19,20 +19,18 @@ from piezo_rig.chain import Model
 from piezo_rig.diagnosis.early.followed import BY_ALL, MANY, by_all_that_follows, path_of
 from piezo_rig.diagnosis.early.guesses import CLEAR, at_sight, guess_of, losses_of_pairs
 from piezo_rig.diagnosis.early.mended import DROP, JUMP, STEP_UM, Break, lead, mended
+from piezo_rig.diagnosis.early.of_repeats import of_repeats
 from piezo_rig.diagnosis.early.passing import lasting
-from piezo_rig.diagnosis.early.peaks import Peak, Search, find_peaks
+from piezo_rig.diagnosis.early.peaks import Peak, Search, find_peaks, left_of, search_of
 from piezo_rig.diagnosis.early.place import at_rest, placed
-from piezo_rig.diagnosis.early.shifted import differing, plain_loss
 from piezo_rig.diagnosis.early.traces import (
     Stretch,
     Whitened,
-    spectrum,
     stretches,
     sweep_bounds,
     way,
 )
 from piezo_rig.diagnosis.groups import Groups
-from piezo_rig.diagnosis.noise import Whitener
 from piezo_rig.run_file.sweep import Sweep
 
 FloatArray = NDArray[np.float64]
@@ -46,8 +44,6 @@ ENOUGH = 12  # samples to either side, that say how large a jump is
 BESIDE = 4  # samples: so near to each other losses of two recordings are none
 NEAR_S = 0.3, 0.03
 FEWER = 4  # counts that are tried
-PLAIN = 8  # losses of one drive that may be plain to see
-LESS, SAME = 0.3, 1.05  # what they may leave of what others do; the same, where they are fewer
 LIKELIEST = 4  # peaks of a group, of either cause, that are looked at closely
 REST = 0.1  # of what a loss gains, that it may gain once a jump in its place is mended
 SPREAD = 60  # samples between which a loss may be
@@ -84,7 +80,7 @@ def find_breaks(
     closed: set[int] = set()  # groups in which nothing more can be placed
     guessed: dict[int, int] = {}  # group -> how many breaks there were before one was guessed
     for _ in range(ROUNDS if found else 0):
-        search = _round(mended(groups, predicted, breaks), predicted, found, breaks, sweeps)
+        search = search_of(mended(groups, predicted, breaks), predicted, found, breaks, sweeps)
         peaks = [p for p in find_peaks(search) if search.chance(p.gained) < level]
         before, tried = len(breaks), len(guessed)
         for g in sorted({found[p.stretch].group for p in peaks} - closed):
@@ -100,7 +96,7 @@ def find_breaks(
                 mine[0].gained > gained and abs(mine[0].at - new.index) < NEAR_S[0] * groups.rate
             ):  # fmt: skip
                 whole = mended(groups, predicted, [*breaks, new])
-                after = _round(whole, predicted, found, [*breaks, new], sweeps)
+                after = search_of(whole, predicted, found, [*breaks, new], sweeps)
                 if _loudest(after, mine[0]) > REST * mine[0].gained:
                     new = None  # a loss that could not be placed is no jump
             if new is not None and search.chance(gained) < level:
@@ -127,8 +123,7 @@ def find_breaks(
     for several in [b for b in plain if b.cause == DROP and 1 < b.count <= FEWER]:
         breaks = _split(groups, predicted, found, breaks, sweeps, several)
     for g in sorted({s.group for s in found}):
-        breaks = _plain(groups, predicted, found, breaks, sweeps, g, level)
-        breaks = _mending(groups, predicted, breaks, g)
+        breaks = of_repeats(groups, predicted, found, breaks, sweeps, g, level)
     return Breaks(tuple(lasting(groups, _at_once(breaks))))
 
 
@@ -175,86 +170,12 @@ def _likeliest(
 
     def left(b: Break) -> float:
         whole = mended(groups, search.predicted, [*search.breaks, b])
-        return _left(replace(search, groups=whole), b.group)
+        return left_of(replace(search, groups=whole), b.group)
 
     if {JUMP, DROP} <= set(best):
         both = [best[JUMP], best[DROP]]
         return min(both, key=lambda e: left(e[1]) if e[1] is not None else np.inf)
     return max(best.values(), key=lambda e: e[0], default=(0.0, None))
-
-
-def _mending(
-    groups: Groups, predicted: list[FloatArray], breaks: list[Break], g: int
-) -> list[Break]:
-    """Breaks without losses of a drive after whose repair its recordings differ by more.
-
-    A step of a few nm, up and down again at random, looks like a loss for as long as the velocity
-    stays what it is; what follows then no longer fits.
-    """
-    if groups.groups[g].repeats < 2:
-        return breaks
-
-    def left(tried: Sequence[Break]) -> float:
-        return differing(mended(groups, predicted, list(tried)).groups[g])
-
-    here = left(breaks)
-    while losses := [b for b in breaks if b.group == g and b.cause == DROP]:
-        less = [[b for b in breaks if b is not loss] for loss in losses]
-        worth = [left(tried) for tried in less]
-        k = int(np.argmin(worth))
-        if worth[k] >= here:
-            break
-        breaks, here = less[k], worth[k]
-    return breaks
-
-
-def _plain(
-    groups: Groups, predicted: list[FloatArray], found: list[Stretch], breaks: list[Break],
-    sweeps: Sequence[Sweep], g: int, level: float,
-) -> list[Break]:  # fmt: skip
-    """Breaks with the losses of a drive as its recordings show them laid over each other.
-
-    Only where those are no more and leave less, and where every one of them is borne out by what
-    is then left as noise.
-    """
-    others = [b for b in breaks if b.group != g]
-    mine: list[Break] = []
-    while len(mine) < PLAIN:
-        whole = mended(groups, predicted, [*others, *mine])
-        loss = plain_loss(whole.groups[g], g, sweeps, mine)
-        if loss is None:
-            break
-        mine.append(loss)
-    if not mine:
-        return breaks
-    whole = mended(groups, predicted, [*others, *mine])
-    before = differing(mended(groups, predicted, breaks).groups[g])
-    after = differing(whole.groups[g])
-    known = len(breaks) - len(others)
-    if after > LESS * before and (after > SAME * before or len(mine) >= known):
-        return breaks
-    quiet = _round(whole, predicted, found, [*others, *mine], sweeps)
-    kept = []
-    for loss in mine:
-        rest = mended(groups, predicted, [*others, *(b for b in mine if b is not loss)])
-        chance = quiet.chance(_left(replace(quiet, groups=rest), g) - _left(quiet, g))
-        if chance >= level:
-            return breaks
-        kept.append(replace(loss, p_value=chance))
-    return [*others, *kept]
-
-
-def _left(search: Search, g: int, of: int | None = None) -> float:
-    """What recordings of one drive have of their own, as a negative log-likelihood.
-
-    ``of`` : the only stretch of it that counts
-    """
-    out, repeats = 0.0, search.groups.groups[g].repeats
-    for k, stretch in enumerate(search.stretches):
-        if stretch.group == g and of in (None, k):
-            own = [search.white[k].project(search.own(stretch, row)) for row in range(repeats)]
-            out += 0.5 * float(sum(x @ x for x in own)) / max(repeats - 1, 1)
-    return out
 
 
 def _cancelled(breaks: list[Break]) -> list[Break]:
@@ -299,8 +220,8 @@ def _split(
         whole = mended(groups, predicted, tried)
         return replace(basis, groups=whole, breaks=tried)
 
-    basis = _round(mended(groups, predicted, breaks), predicted, found, breaks, sweeps)
-    best, least = breaks, _left(basis, several.group, k) - CLEAR
+    basis = search_of(mended(groups, predicted, breaks), predicted, found, breaks, sweeps)
+    best, least = breaks, left_of(basis, several.group, k) - CLEAR
     for count in range(1, several.count):
         fewer = [replace(b, count=count) if b is several else b for b in breaks]
         search = searched(fewer)
@@ -311,7 +232,7 @@ def _split(
             if exact is None or exact[1] is None:
                 continue
             both = [*fewer, exact[1]]
-            if (worth := _left(searched(both), several.group, k)) < least:
+            if (worth := left_of(searched(both), several.group, k)) < least:
                 best, least = both, worth
     return best
 
@@ -322,7 +243,7 @@ def _borne_out(
 ) -> bool:  # fmt: skip
     """Whether a guessed loss is a whole number beside everything that was found after it."""
     others = [b for b in breaks if b is not guess]
-    search = _round(mended(groups, predicted, others), predicted, found, others, sweeps)
+    search = search_of(mended(groups, predicted, others), predicted, found, others, sweeps)
     at = guess.index + lead(others, guess.group, guess.row, guess.index)
     for k, stretch in enumerate(found):
         if stretch.group == guess.group and stretch.begin <= at < stretch.end:
@@ -330,22 +251,6 @@ def _borne_out(
             counted = _counted(search, stretch, search.white[k], peak, at, guess.count)
             return counted is not None and counted[0] == guess.count
     return False
-
-
-def _round(
-    groups: Groups, predicted: list[FloatArray], found: list[Stretch], breaks: list[Break],
-    sweeps: Sequence[Sweep],
-) -> Search:  # fmt: skip
-    search = Search(groups, predicted, found, [], breaks, sweeps, 0)
-    own = {
-        (k, row): search.own(s, row)
-        for k, s in enumerate(found)
-        for row in range(groups.groups[s.group].repeats)
-    }
-    whitener = Whitener(spectrum(groups, found, own))
-    white = [Whitened.of(stretch, whitener) for stretch in found]
-    tried = sum(values.size for values in own.values())
-    return Search(groups, predicted, found, white, breaks, sweeps, tried)
 
 
 def _exact(search: Search, peak: Peak, mixed: bool) -> tuple[float, Break | None] | None:

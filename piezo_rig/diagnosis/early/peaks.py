@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 
 from piezo_rig.diagnosis.chances import normal_above
 from piezo_rig.diagnosis.early.mended import DROP, JUMP, STEP_UM, Break
-from piezo_rig.diagnosis.early.traces import Stretch, Whitened, own_part
+from piezo_rig.diagnosis.early.traces import Stretch, Whitened, own_part, spectrum
 from piezo_rig.diagnosis.flats import bridged, standing
 from piezo_rig.diagnosis.groups import Groups
+from piezo_rig.diagnosis.noise import Whitener
 from piezo_rig.run_file.sweep import Sweep
 
 FloatArray = NDArray[np.float64]
@@ -67,6 +68,36 @@ class Search:
     def standing(self) -> list[NDArray[np.bool_]]:
         """Of every group, where the sensor ends, shape (n,)."""
         return [standing(g) for g in self.groups.groups]
+
+
+def search_of(
+    groups: Groups, predicted: list[FloatArray], found: list[Stretch], breaks: list[Break],
+    sweeps: Sequence[Sweep],
+) -> Search:  # fmt: skip
+    """The recordings as far as they are mended, and the noise that they then have."""
+    search = Search(groups, predicted, found, [], breaks, sweeps, 0)
+    own = {
+        (k, row): search.own(s, row)
+        for k, s in enumerate(found)
+        for row in range(groups.groups[s.group].repeats)
+    }
+    whitener = Whitener(spectrum(groups, found, own))
+    white = [Whitened.of(stretch, whitener) for stretch in found]
+    tried = sum(values.size for values in own.values())
+    return Search(groups, predicted, found, white, breaks, sweeps, tried)
+
+
+def left_of(search: Search, g: int, of: int | None = None) -> float:
+    """What recordings of one drive have of their own, as a negative log-likelihood.
+
+    ``of`` : the only stretch of it that counts
+    """
+    out, repeats = 0.0, search.groups.groups[g].repeats
+    for k, stretch in enumerate(search.stretches):
+        if stretch.group == g and of in (None, k):
+            own = [search.white[k].project(search.own(stretch, row)) for row in range(repeats)]
+            out += 0.5 * float(sum(x @ x for x in own)) / max(repeats - 1, 1)
+    return out
 
 
 def find_peaks(search: Search) -> list[Peak]:
