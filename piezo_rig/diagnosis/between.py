@@ -35,7 +35,7 @@ MOSTLY = 0.3  # of where it bends that it must do so smoothly
 LESS = 0.05  # of that: what is curved by less is taken for straight
 PARTS = np.array([0.25, 0.5, 0.75])  # of a sample, where a curve is followed
 SEEN = 5.0  # times what noise would do, for a look at what they are worth
-PLAINLY = 10.0  # log-likelihood
+PLAINLY, BEYOND = 10.0, 50.0  # log-likelihood; beyond another fit, before all else is known
 SOME = 0.8  # of what is left beyond the noise
 
 
@@ -174,8 +174,9 @@ def _with(
 
 
 def turn_between(
-    space: Space, fitted: Fitted, less: Fitted | None = None, weary: bool = False
-) -> bool:
+    space: Space, fitted: Fitted, less: Fitted | None = None, weary: bool = False,
+    best: Fitted | None = None,
+) -> bool:  # fmt: skip
     """Whether a fit is plainly better with corners and curves between samples, where they may be.
 
     ``less`` : the same without its only member; with them it may be as good: a lag of a
@@ -183,6 +184,8 @@ def turn_between(
     missing, that is told when it is not: what cuts off corners looks like another corner
     ``weary`` : whether much was tried already, and something is left; to begin anew then asks for
     corners that explain some of that
+    ``best`` : another fit of the same recordings, which is to be improved on far; what lacks half
+    of what is there is as good with corners as with the other half, and all is asked once more
     """
     from piezo_rig.diagnosis.engine import space_of
     from piezo_rig.diagnosis.forms import converged
@@ -196,9 +199,12 @@ def turn_between(
     there = space_of(turned, space.whitener, fitted.point.model)[0]
     there.own_um, there.loose = space.own_um, space.loose
     same = converged(space, refit(space, fitted.point, held=True))
+    said = same.evidence
+    if best is not None and best is not fitted:
+        said = max(said, best.evidence + BEYOND - PLAINLY)
     if less is not None:
         without = converged(there, refit(there, less.point, held=True))
-        better = without.evidence > same.evidence - PLAINLY or _left(without) < _left(same)
+        better = without.evidence > said - PLAINLY or _left(without) < _left(same)
         if better and not much_left(there, without):
             return True
     other = converged(there, refit(there, fitted.point, held=True))
@@ -206,7 +212,7 @@ def turn_between(
         return False
     if weary and _beyond(there, other) > SOME * _beyond(space, same):
         return False
-    return other.evidence > same.evidence + PLAINLY
+    return other.evidence > said + PLAINLY
 
 
 def _beyond(space: Space, fitted: Fitted) -> float:

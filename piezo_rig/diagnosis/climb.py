@@ -30,7 +30,7 @@ from piezo_rig.diagnosis.likelihood import Likelihood
 from piezo_rig.diagnosis.own_laws import also, loosen, rather
 from piezo_rig.diagnosis.patience import Patience
 from piezo_rig.diagnosis.put_in import LARGE
-from piezo_rig.diagnosis.race import raced
+from piezo_rig.diagnosis.race import raced, tried
 from piezo_rig.diagnosis.reduction import reduce
 from piezo_rig.diagnosis.refit import Fitted, gained, refit, settle
 from piezo_rig.diagnosis.refusals import (
@@ -90,10 +90,10 @@ def climb(
     held_out: Sequence[tuple[Callable[[Fitted], float], float]],
     noise_nm: float,
     others: int = 0,
-    helps: Callable[..., bool] = lambda less, fitted, unseen=True: unseen,
+    helps: Callable[..., bool] = lambda less, fitted, unseen=True, others=True: unseen,
     brief: bool = False,
     begun: Sequence[Step] = (),
-    stop: Callable[[Fitted], bool] = lambda fitted: False,
+    stop: Callable[[Fitted, Fitted], bool] = lambda fitted, best: False,
     patience: Patience | None = None,
 ) -> Ladder:
     """Forward selection from a fitted baseline, with detours at the end.
@@ -110,7 +110,8 @@ def climb(
     helps : whether the second fit predicts recordings better than the first, beyond doubt
     brief : only upwards: a model that explains most is all that is asked for
     begun : steps that some of the drives ask for, fitted to all of them
-    stop : whether to go no further with what is fitted first: data or base are to be put right
+    stop : whether to go no further with what is fitted first, or with a rival of that: data or base
+        are to be put right
     patience : how much was tried before; a climb that goes wrong ends where it is
     """
     search = Search(
@@ -174,7 +175,7 @@ class Search:
     spoiled: dict[str, Step] = field(default_factory=dict)
     safe: set[str] = field(default_factory=set)  # tables that nothing can stand in for
     errors: dict[tuple[int, int], tuple[float, Point]] = field(default_factory=dict)
-    stop: Callable[[Fitted], bool] = lambda fitted: False
+    stop: Callable[[Fitted, Fitted], bool] = lambda fitted, best: False
     stopped: bool = False
     rather: list[int] = field(default_factory=list)  # what says more than a bend in this scan
     steep: list[int] = field(default_factory=list)  # what was begun at its size in this scan
@@ -229,8 +230,9 @@ class Search:
             level = min(LATER if self.causes else LEVEL, self.level)
             good = np.flatnonzero(family < level)
             best = float(result.ratio[good].max()) if good.size else 0.0
+            likeliest = int(good[np.argmax(result.ratio[good])]) if good.size else None
             plainly = PLAINLY
-            if good.size and CAUSES[result.ids[good[np.argmax(result.ratio[good])]]].has_elements:
+            if likeliest is not None and CAUSES[result.ids[likeliest]].has_elements:
                 plainly = OF_A_TABLE  # which does whatever the law lacks, and much besides
             if bend(self, here, found, good):
                 # bends are projected off before causes are scored: a small one changes no score
@@ -240,11 +242,11 @@ class Search:
                 return
             if here.evidence + HOPE * min(self.most - len(self.causes), PAIR) * best < self.goal:
                 return
-            if good.size and self.let_go(here, plainly * best):
+            if likeliest is not None and self.let_go(here, plainly * best, found, likeliest):
                 continue
             if good.size and self.take(here, found, good, family):
                 first = [self.fitted, *self.rivals] if len(self.causes) == 1 else []
-                self.stopped = any(self.stop(fitted) for fitted in first)
+                self.stopped = any(self.stop(fitted, self.fitted) for fitted in first)
                 if self.stopped:
                     return
                 continue
@@ -274,9 +276,17 @@ class Search:
         }  # fmt: skip
         self.steps[-1] = replace(newest, rivals=rivals)
 
-    def let_go(self, here: Fitted, best: float) -> bool:
-        """Let a member do more than it was taken in for, where that gains more than ``best``."""
-        return also(self, here, best) or loosen(self, here, best)
+    def let_go(self, here: Fitted, best: float, found: Found | None = None, i: int = 0) -> bool:
+        """Let a member do more than it was taken in for, where that gains more than ``best``.
+
+        ``i`` : number of the likeliest cause in what was found; a table must be worth less as well
+        """
+        def of_a_table() -> float:
+            if found is None or not CAUSES[found.result.ids[i]].has_elements:
+                return 0.0
+            return max((worth for worth, *_ in tried(self, here, found, [i])), default=0.0)
+
+        return also(self, here, best, of_a_table) or loosen(self, here, best)
 
     def family(self, result: Scan) -> FloatArray:
         tried = len(result.ids)
@@ -307,10 +317,12 @@ class Search:
                 continue
             if gained(fitted, here) > LARGE:
                 fitted = converged(self.space, fitted)
-            doubtful = (family[i] > DOUBTFUL and not of_base(id)) or self.may_go_on(id)
+            chance = family[i] > DOUBTFUL and not of_base(id)
+            doubtful = chance or self.may_go_on(id)
             against = worse(self, fitted, here, doubtful) or of_a_law(self, fitted, id, here)
             against = against or of_a_corner(self, fitted, here, id)
-            if against is None and doubtful and not self.helps(here, fitted):
+            # what is certainly there need only predict these recordings better
+            if against is None and doubtful and not self.helps(here, fitted, others=chance):
                 against = "fits, but does not predict data that it has not seen better beyond doubt"
             if against is None and self.harms(here, fitted):
                 against = "fits, but predicts data that it has not seen worse beyond doubt"

@@ -139,15 +139,19 @@ class Climbed:
         """Noise of one recording, what no model falls below."""
         return self.floor_nm or self.space.sample_noise_nm
 
-    def helps(self, less: Fitted, fitted: Fitted, unseen: bool = True) -> bool:
+    def helps(
+        self, less: Fitted, fitted: Fitted, unseen: bool = True, others: bool = True
+    ) -> bool:
         """Whether the second fit predicts recordings better than the first, beyond doubt.
 
         ``unseen`` : the answer where nothing is held out
+        ``others`` : recordings that nobody has made yet, which differ as much as these do
         """
         if self.judged == "none":
             return unseen
         rng = np.random.default_rng(0)
-        return gain(self.errors(less), self.errors(fitted), rng)[1][0] > 0.0
+        value, (low, _) = gain(self.errors(less), self.errors(fitted), rng)
+        return value > (value - low) / (1.0 if others else np.sqrt(2.0))
 
     def predicting_better(
         self, kinked: Point | None, first: Fitted, fitted: Fitted
@@ -296,8 +300,9 @@ def _climbed(
         out.monitored.append(Step(AGEING, told[1], first))
     asked = [first] if kinked else []
 
-    def stop(fitted: Fitted) -> bool:
-        out.turned = fitted.point.model if turn_between(space, fitted, first) else None
+    def stop(fitted: Fitted, best: Fitted) -> bool:
+        turns = turn_between(space, fitted, first, best=best)
+        out.turned = fitted.point.model if turns else None
         if out.turned is None and not asked:  # beside the first cause; rivals tell no more
             asked.append(fitted)
             out.kinked = out.predicting_better(with_kinks(space, fitted), first, fitted)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -65,8 +66,12 @@ def rather(search: Search, here: Fitted, fitted: Fitted, id: str) -> bool:
     return loosen(search, here, fitted.evidence - here.evidence - AS_MUCH)
 
 
-def also(search: Search, here: Fitted, best: float) -> bool:
-    """Let a member do besides what it does not do yet, where that gains more than ``best``."""
+def also(
+    search: Search, here: Fitted, best: float, rival: Callable[[], float] = lambda: 0.0
+) -> bool:
+    """Let a member do besides what it does not do yet, where that gains more than ``best``, and
+    more than a ``rival`` is worth once that is refitted.
+    """
     model = here.point.model
     context = context_of(search.space, model)
     for id in search.causes:
@@ -76,8 +81,8 @@ def also(search: Search, here: Fitted, best: float) -> bool:
         settle(search.space, here.point)
         pairs = [(model, model.with_stage(form)) for form in forms]
         likelihood = Likelihood(reduce(search.space.linear(here.point, pairs)))
-        gained = [likelihood.evidence([k]) - likelihood.evidence() for k in range(len(forms))]
-        form, most = forms[int(np.argmax(gained))], max(gained)
+        looks = [likelihood.evidence([k]) - likelihood.evidence() for k in range(len(forms))]
+        form, most = forms[int(np.argmax(looks))], max(looks)
         if most < PROMISED * max(MORE, best):
             continue
         search.tell(f"refit with more of {id}")
@@ -85,9 +90,8 @@ def also(search: Search, here: Fitted, best: float) -> bool:
         fitted = descended(search.space, all_free(point, form), here, most)
         if stage.scanned[0] in set(form.parameters) - set(stage.parameters):
             fitted = summit(search.space, fitted, id)
-        if fitted.evidence - here.evidence > max(MORE, best) and (
-            worse(search, fitted, here) is None
-        ):  # fmt: skip
+        gained = fitted.evidence - here.evidence
+        if gained > max(MORE, best) and worse(search, fitted, here) is None and gained > rival():
             search.steps[-1] = replace(search.steps[-1], fitted=fitted)
             search.rearranged = True
             prune(search)

@@ -28,7 +28,7 @@ HELD, MARGIN = 40, 60  # samples: of a hold at least, and of one beside a ramp a
 MOST, FEW = 40, 3  # samples that one recording may lose in a hold, or each of two
 SURE, DEAR = 8.0, 12.0  # log-likelihood by which others must be worse; for one loss more
 FAR = 3.0  # times the variance in holds, that a ramp may be off at most
-MANY = 20  # losses
+LOUD, MANY = 4.0, 20  # times the usual variance, of a hold that does not count; losses
 
 
 class Ramp(NamedTuple):
@@ -120,10 +120,14 @@ class LaidOver:
             return None
         rho, sigma = list[float](), list[float]()
         for own in rows[1:] - rows[0]:
-            rests = [own[a:b] - own[a:b].mean() for a, b in holds]
-            power = sum(float(x @ x) for x in rests)
-            if not power > 0.0:
+            # one that is ahead moves before a hold of the other one ends
+            rests = [own[a : max(b - MOST, a + HELD // 2)] for a, b in holds]
+            rests = [x - x.mean() for x in rests]
+            usual = float(np.median([np.mean(x**2) for x in rests]))
+            if not usual > 0.0:
                 return None
+            rests = [x for x in rests if np.mean(x**2) < LOUD * usual]
+            power = sum(float(x @ x) for x in rests)
             rho.append(min(max(sum(float(x[1:] @ x[:-1]) for x in rests) / power, 0.0), 0.98))
             new = np.concatenate([x[1:] - rho[-1] * x[:-1] for x in rests])
             sigma.append(float(np.mean(new**2)))
