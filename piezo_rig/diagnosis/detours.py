@@ -203,10 +203,10 @@ def together(search: Search, here: Fitted) -> bool:
     spoiled = sorted(search.spoiled.values(), key=lambda s: -s.fitted.evidence)
     drifts = [s for s in spoiled[1:] if CAUSES[s.cause].locked_to == CLOCK]
     search.spoiled = {}
-    return any(_beside(search, here, first) for first in (spoiled[0], *drifts[:1]))
+    return any(beside(search, here, first) for first in (spoiled[0], *drifts[:1]))
 
 
-def _beside(search: Search, here: Fitted, first: Step) -> bool:
+def beside(search: Search, here: Fitted, first: Step) -> bool:
     """Take one that was refused and what then fits best."""
     search.tell(f"with {first.cause} and one more")
     other = replace(

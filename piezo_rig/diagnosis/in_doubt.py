@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from piezo_rig.diagnosis.detours import ONE_MORE
+from piezo_rig.diagnosis.detours import ONE_MORE, beside
 from piezo_rig.diagnosis.grown import Tried
 from piezo_rig.diagnosis.ladder import Step
 from piezo_rig.diagnosis.race import tried
@@ -21,7 +21,8 @@ if TYPE_CHECKING:
     from piezo_rig.diagnosis.climb import Search
 
 FloatArray = NDArray[np.float64]
-MUCH_OF_IT = 0.7  # squared error beyond the noise, of that before, with what explains much of it
+# squared error beyond the noise, of that before, with what explains much of it, and some
+MUCH_OF_IT, SOME_OF_IT = 0.7, 0.95
 
 
 def explained(
@@ -31,14 +32,15 @@ def explained(
 
     Much of an effect looks like what the laws of others may be wrong by, and a large spring that
     follows the range like nothing that a small one does. What the next recording is predicted
-    better by is neither.
+    better by is neither. Where none explains much, the likeliest of those that explain some is
+    taken with what then fits best: see `detours.beside`.
 
     Parameters
     ----------
     family : chances of a false alarm of what was looked at, shape (c,)
     of_the_rest : chance that nothing is left
     """
-    if search.error(0, here) ** 2 - search.noise_nm**2 < (AMISS * search.noise_nm) ** 2:
+    if _amiss(search, here) < (AMISS * search.noise_nm) ** 2:
         return False
     if search.level < 1.0:
         return False
@@ -50,21 +52,32 @@ def explained(
     if of_the_rest >= LEVEL:
         return False
     steep = begun_steep(search, here, found, fits)
-    return _taken(search, here, found, steep, np.minimum(family, of_the_rest))
+    if _taken(search, here, found, steep, np.minimum(family, of_the_rest)):
+        return True
+    amiss = _amiss(search, here)
+    helping = [t for t in fits if t[0] > 0.0 and _amiss(search, t[2]) < SOME_OF_IT * amiss]
+    if not helping or search.aside:
+        return False
+    _, i, fitted = max(helping, key=lambda t: t[0])
+    return beside(search, here, Step(found.result.ids[i], float(family[i]), fitted))
 
 
 def _taken(
     search: Search, here: Fitted, found: Found, fits: list[Tried], chance: FloatArray
 ) -> bool:
     """Take in the first of them, by what they are worth, that explains much and is no law's."""
-    amiss = search.error(0, here) ** 2 - search.noise_nm**2
+    amiss = _amiss(search, here)
     for worth, i, fitted in sorted(fits, key=lambda t: -t[0]):
-        left = search.error(0, fitted) ** 2 - search.noise_nm**2
         id = found.result.ids[i]
-        if worth > ONE_MORE and left < MUCH_OF_IT * amiss and (
+        if worth > ONE_MORE and _amiss(search, fitted) < MUCH_OF_IT * amiss and (
             worse(search, fitted, here) is None and of_a_law(search, fitted, id, here) is None
         ):  # fmt: skip
             search.accept(Step(id, float(chance[i]), fitted))
             search.tidy()
             return True
     return False
+
+
+def _amiss(search: Search, fitted: Fitted) -> float:
+    """Squared held-out error beyond the noise, nm^2."""
+    return search.error(0, fitted) ** 2 - search.noise_nm**2

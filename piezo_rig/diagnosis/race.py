@@ -18,13 +18,14 @@ from piezo_rig.diagnosis.needed import at_a_limit
 from piezo_rig.diagnosis.put_in import plainer, refitted
 from piezo_rig.diagnosis.refit import Fitted, gained
 from piezo_rig.diagnosis.refusals import FAR_OFF, MUCH
-from piezo_rig.diagnosis.scan import Form, Found, Scan, by_speed, has_reach, of_base
+from piezo_rig.diagnosis.scan import LEVEL, Form, Found, Scan, by_speed, has_reach, of_base
 from piezo_rig.diagnosis.steep import begun_steep
 from piezo_rig.diagnosis.twins import twins_of
 
 if TYPE_CHECKING:
     from piezo_rig.diagnosis.climb import Search
 
+PROMISING = 2  # that are refitted because the likeliest came to less
 OF_ANOTHER = 1.0  # log-likelihood by a linear look, up to which no other kind of bend is tried
 
 
@@ -47,6 +48,7 @@ def raced(
     close = [*close, *(i for i in search.rather if i not in close)]
     out = tried(search, here, found, close)
     out += tried(search, here, found, _as_fast(here, result, good, out), out)
+    out += tried(search, here, found, _promising(result, out), out)
     out += tried(search, here, found, [i for i in result.as_flat(good) if i not in close], out)
     steep = begun_steep(search, here, found, out)
     search.steep = [i for _, i, _ in steep]
@@ -134,6 +136,24 @@ def _as_fast(
         for i in result.close(good) if by_speed(result.ids[i])
     )  # fmt: skip
     return result.alike(good) if near else []
+
+
+def _promising(result: Scan, fits: Sequence[Tried]) -> list[int]:
+    """What a linear look said more of than anything that was refitted turned out to be worth, if
+    chance alone hardly says as much.
+
+    Of the likeliest the refit may keep little, as of a delay that is a lag of the sliders.
+    """
+    if not fits:
+        return []
+    most = max(worth for worth, *_ in fits)
+    known = {i for _, i, _ in fits}
+    order = np.argsort(-result.excess)
+    return [
+        int(i) for i in order
+        if result.excess[i] > most and result.p_family[i] < LEVEL
+        and int(i) not in known and not of_base(result.ids[i])
+    ][:PROMISING]
 
 
 def _still_far_off(search: Search, here: Fitted, tried: Sequence[Fitted]) -> bool:
