@@ -15,13 +15,14 @@ from piezo_rig.chain import Model
 from piezo_rig.diagnosis.groups import Group, Groups
 
 FloatArray = NDArray[np.float64]
-LENGTHS = (16, 32, 128, 512)  # thinned samples of a stretch: slow ringing is slow in a short one
+LENGTHS = (32, 16, 128, 512)  # thinned samples of a stretch: slow ringing is slow in a short one
 SPIKED = 16  # samples of a stretch, of which one may be loud: a spike, and the cell it spreads to
 # percentiles, and standard deviations from the median to each
 WITHIN = ((10.0, -1.2816), (25.0, -0.6745), (75.0, 0.6745))
 FEW = 20  # stretches that say nothing of how much they scatter
 STANDS_OUT = 6.0  # standard deviations of the logarithm of a stretch's power
 MOST_TOLD = 3
+NEARLY = 0.7  # of what stands out at another length
 
 
 @dataclass(frozen=True)
@@ -52,12 +53,14 @@ def bursts(groups: Groups, model: Model) -> Bursts | None:
     Stretches are compared by the logarithm of their power, trends and the loudest samples taken
     off: a spike is no burst. Its scatter is that of three quarters of the data at hand, whatever
     the spectrum of their noise, the largest of three estimates: few stretches know it badly.
-    Of the lengths of stretches at which something stands out the one counts at which it is most.
-    None where nothing stands out.
+    Of the lengths of stretches at which something stands out the first counts at which it is nearly
+    as much as at any: of a slow knock a short one holds hardly more than a trend. None where
+    nothing stands out.
     """
     groups = groups.evenly()  # single samples beside corners are noisier than averages
-    found = [_of_length(groups, model, long) for long in LENGTHS]
-    return max((b for b in found if b is not None), key=lambda b: b.rms_nm, default=None)
+    found = [b for long in LENGTHS if (b := _of_length(groups, model, long)) is not None]
+    most = max((b.rms_nm for b in found), default=0.0)
+    return next((b for b in found if b.rms_nm > NEARLY * most), None)
 
 
 def _of_length(groups: Groups, model: Model, long: int) -> Bursts | None:

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from piezo_rig.causes import CAUSES
 from piezo_rig.chain import Elements, Maxwell, Model, Signal
 from piezo_rig.diagnosis import diagnose
-from piezo_rig.diagnosis.between import denser
+from piezo_rig.diagnosis.between import denser, turn_between
 from piezo_rig.run_file.sweep import Sweep
 from tests.diagnosis.sliders import play
 
@@ -141,3 +143,35 @@ def test_a_body_with_nothing_hidden_is_silent_whatever_lies_between_samples(fine
     assert not out.unexplained.detected
     assert any("turns between samples" in note for note in out.notes) == (finer > 1)
     assert out.rungs[-1].rms_nm < 1.1  # of a noise of 1
+
+
+@pytest.mark.parametrize(("said", "with_corners", "best", "turns"), [
+    (-5080.3, -5060.0, None, True), (-5080.3, -5072.0, None, False),
+    (-5099.3, -5087.1, -5080.3, False),  # a rival gains by them, and says less than another does
+    (-5132.4, -5066.9, -5080.3, False),  # hardly more than that: both may lack half of it
+    (-5132.4, -5025.0, -5080.3, True),
+])  # fmt: skip
+def test_corners_that_a_rival_asks_for_must_say_far_more_than_the_best_fit(
+    monkeypatch, said, with_corners, best, turns
+):
+    def fit(evidence):
+        return SimpleNamespace(evidence=evidence, point=SimpleNamespace(model=None), linear=None)
+
+    groups = SimpleNamespace(groups=[SimpleNamespace(denser=None)], turned=lambda model: "turned")
+    plain = SimpleNamespace(groups=groups, whitener=None, own_um=0.0, loose=False)
+    corners, rival, less = SimpleNamespace(), fit(said), fit(-5200.0)
+    worth = {id(plain): {id(rival): said}, id(corners): {id(rival): with_corners, id(less): -5300.0}}
+    monkeypatch.setattr("piezo_rig.diagnosis.engine.space_of", lambda *_: (corners, None))
+    monkeypatch.setattr("piezo_rig.diagnosis.refit.refit", lambda space, point, held: point)
+    monkeypatch.setattr(
+        "piezo_rig.diagnosis.forms.converged", lambda space, point: fit(worth[id(space)][id(point)])
+    )
+    monkeypatch.setattr("piezo_rig.diagnosis.put_in.much_left", lambda *_: False)
+    monkeypatch.setattr("piezo_rig.diagnosis.between._shows", lambda *_: True)
+    monkeypatch.setattr("piezo_rig.diagnosis.between._left", lambda fitted: -fitted.evidence)
+    rival.point = rival
+    less.point = less
+    rival.model = None
+    other = None if best is None else fit(best)
+    assert turn_between(plain, rival, less, best=other) == turns
+    assert turn_between(plain, rival, less, best=rival) == (with_corners > said + 10.0)

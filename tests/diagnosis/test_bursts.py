@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import sys
+
 import numpy as np
 import pytest
 
 from piezo_rig.diagnosis import diagnose
-from piezo_rig.diagnosis.bursts import bursts
+from piezo_rig.diagnosis.bursts import Bursts, bursts
 from piezo_rig.diagnosis.grouping import group_tracks
 from piezo_rig.identification import identify, prepare
 from piezo_rig.studies.hidden import draw
 from tests.diagnosis.two_drives import session
+
+module = sys.modules["piezo_rig.diagnosis.bursts"]
 
 
 def steady(number, time):
@@ -62,6 +66,18 @@ def test_a_slow_knock_is_found_in_longer_stretches():
     ])
     assert {name for name, _ in told.at} == {"to 70 V"}
     assert all(1.3 < seconds < 3.5 for _, seconds in told.at)
+
+
+@pytest.mark.parametrize(("rms_nm", "told"), [
+    ({32: 0.4, 128: 4.7}, 128),  # of a knock at 7 Hz, most is a trend in a short stretch
+    ({32: 4.1, 128: 4.7}, 32),
+    ({16: 1.0, 512: 1.2}, 16), ({512: 0.2}, 512), ({}, None),
+])  # fmt: skip
+def test_a_knock_counts_for_nearly_as_much_as_it_is(monkeypatch, rms_nm, told):
+    every = {long: Bursts(1, 5.0, rms, (("decay", 7.0),)) for long, rms in rms_nm.items()}
+    monkeypatch.setattr(module, "_of_length", lambda groups, model, long: every.get(long))
+    groups = group_tracks(prepare(session(0, "white", steady)), session(0, "white", steady))
+    assert bursts(groups, None) is every.get(told)
 
 
 def test_a_diagnosis_calls_it_unexplained_and_names_no_cause():

@@ -26,7 +26,7 @@ def test_beside_the_likeliest_a_drift_is_tried(monkeypatch, spoiled, works, trie
         asked.append(first.cause)
         return first.cause == works
 
-    monkeypatch.setattr(detours, "_beside", beside)
+    monkeypatch.setattr(detours, "beside", beside)
     search = SimpleNamespace(
         aside=False, spoiled={c: refused(c, e) for c, e in spoiled.items()}
     )

@@ -10,7 +10,7 @@ import pytest
 from piezo_rig.causes import CAUSES
 from piezo_rig.chain import Elements, Maxwell, Model
 from piezo_rig.diagnosis import climb, twins
-from piezo_rig.diagnosis.context import at_one_frequency
+from piezo_rig.diagnosis.context import at_one_frequency, at_one_range
 from piezo_rig.diagnosis.grouping import group_tracks
 from piezo_rig.diagnosis.ladder import Step
 from piezo_rig.diagnosis.refit import laws_of
@@ -53,6 +53,35 @@ def test_one_is_the_twin_of_the_other_at_one_frequency_alone():
     assert not twins.are_twins(SEVERAL, RANGE, RATE)
     for other in (EXTREMUM, "creep", "amplifier-lag", "time-skew", RANGE):
         assert not twins.are_twins(ONE, RANGE, other)
+
+
+def test_a_first_rise_is_the_twin_of_a_law_of_the_range_of_equal_loops_alone():
+    equal, fewer = groups_of((40, 2.0), (40, 2.0)), groups_of((20, 2.0), (40, 2.0))
+    assert at_one_range(equal)
+    assert at_one_range(groups_of((75, 1.0), (75, 4.0)))
+    assert not at_one_range(fewer)
+    assert not at_one_range(groups_of((40, 2.0), (44, 2.0)))
+    assert twins.are_twins(equal, FIRST, RANGE)
+    assert twins.are_twins(equal, RANGE, FIRST)
+    assert not twins.are_twins(fewer, FIRST, RANGE)
+    assert not twins.are_twins(equal, FIRST, EXTREMUM)
+
+
+@pytest.mark.parametrize(("range_nm", "listed"), [(2.0110, [RANGE]), (2.0126, []), (None, [])])
+def test_a_law_of_the_range_that_foretells_as_well_as_a_first_rise_is_listed(range_nm, listed):
+    """What was refitted: no law is begun for it anew, nor a table, which follows everything."""
+    error = {"first": 2.0112, "range": range_nm}
+    search = SimpleNamespace(
+        space=SimpleNamespace(groups=groups_of((40, 2.0), (40, 2.0))),
+        error=lambda _, fitted: error[fitted],
+    )
+    candidates = [SimpleNamespace(id=id, variants=()) for id in (RANGE, EXTREMUM, "creep")]
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(twins, "candidates", lambda *_: (candidates, {}))
+        refits = {} if range_nm is None else {RANGE: "range"}
+        here = SimpleNamespace(point=SimpleNamespace(model=None))
+        found = twins.foretelling_as_well(search, here, "first", FIRST, refits, 1.0005)
+    assert found == listed
 
 
 def fitted_with(id, carries=0.0):
