@@ -160,7 +160,8 @@ def test_corners_that_a_rival_asks_for_must_say_far_more_than_the_best_fit(
     groups = SimpleNamespace(groups=[SimpleNamespace(denser=None)], turned=lambda model: "turned")
     plain = SimpleNamespace(groups=groups, whitener=None, own_um=0.0, loose=False)
     corners, rival, less = SimpleNamespace(), fit(said), fit(-5200.0)
-    worth = {id(plain): {id(rival): said}, id(corners): {id(rival): with_corners, id(less): -5300.0}}
+    there = {id(rival): with_corners, id(less): -5300.0}
+    worth = {id(plain): {id(rival): said}, id(corners): there}
     monkeypatch.setattr("piezo_rig.diagnosis.engine.space_of", lambda *_: (corners, None))
     monkeypatch.setattr("piezo_rig.diagnosis.refit.refit", lambda space, point, held: point)
     monkeypatch.setattr(

@@ -10,6 +10,7 @@ from recording_writers import triangle, write_tdms
 
 from piezo_rig.errors import InputError
 from piezo_rig.run_file.importers import Imported, ImportOptions, read_recordings
+from piezo_rig.run_file.importers.tdms_segments import missing_bytes
 
 NAME = "0-65 sense3 test 2.tdms"
 START = np.datetime64("2012-05-06T07:08:09.125")
@@ -128,6 +129,20 @@ def test_a_cut_file_gives_its_sound_part_or_an_error(tmp_path: Path) -> None:
         assert imported.warnings or sweep.samples in (60, 120)
         outcomes.add("used")
     assert outcomes == {"refused", "used"}
+
+
+def test_of_a_file_that_lost_a_whole_channel_it_says_that_it_was_cut_off(tmp_path: Path) -> None:
+    _, command, sensor = triangle(600)
+    path = write_tdms(tmp_path / NAME, {"AO": command, "AI": sensor}, **WAVEFORM)
+    whole = path.read_bytes()
+    missing = sensor.nbytes + command.nbytes // 2  # channels lie one behind the other
+    path.write_bytes(whole[:-missing])
+    with pytest.raises(InputError, match="channel 'AI' holds no sample") as error:
+        read(path)
+    assert f"{missing} bytes" in str(error.value.cause)
+    path.write_bytes(whole)
+    assert missing_bytes(whole) == 0
+    assert read(path).sweeps[0].samples == 600
 
 
 def test_a_stale_index_file_beside_the_recording_is_not_looked_at(tmp_path: Path) -> None:

@@ -25,7 +25,7 @@ from piezo_rig.run_file.guarded import plain
 from piezo_rig.run_file.importers.guards import read_bytes, refuse_mislabelled
 from piezo_rig.run_file.importers.recording import Column, Recording
 from piezo_rig.run_file.importers.said import MARK, Said, said_in
-from piezo_rig.run_file.importers.tdms_segments import MOST, starts
+from piezo_rig.run_file.importers.tdms_segments import MOST, missing_bytes, starts
 from piezo_rig.run_file.importers.words import is_time
 from piezo_rig.run_file.sweep import FloatArray
 
@@ -55,7 +55,14 @@ def read_tdms(path: Path) -> list[Recording]:
         )
     file = _PatientFile(data)
     with _guarded(path) as complaints:
-        channels = _channels(path, file)
+        channels, without = _channels(path, file)
+    if (missing := missing_bytes(data)) and without:
+        raise InputError(
+            CODE,
+            f"{path}: ends before its data do: channel {without[0]} holds no sample",
+            cause=f"the file was cut off: {missing} bytes that it says it has are missing",
+            remedy="copy it again from the computer that recorded it",
+        )
     if not channels:
         raise InputError(
             CODE,
@@ -92,7 +99,7 @@ def _in_parts(path: Path, data: bytes, channels: list[Any], whole: Recording) ->
     even = len(begins) <= MOST and all(len(channel) == samples for channel in channels)
     for start in begins[1:] if even else []:
         with _guarded(path):
-            before = _channels(path, _PatientFile(data[: start.position]))
+            before, _ = _channels(path, _PatientFile(data[: start.position]))
             lengths = {len(channel) for channel in before}
         if len(lengths) != 1 or len(before) != len(channels):
             even = False
@@ -188,10 +195,12 @@ def _guarded(path: Path) -> Iterator[list[str]]:
         logger.removeHandler(handler)
 
 
-def _channels(path: Path, file: _PatientFile) -> list[Any]:
+def _channels(path: Path, file: _PatientFile) -> tuple[list[Any], list[str]]:
+    """Those with numbers in them, and the names of those that are for numbers and have none."""
     from nptdms import TdmsFile
 
     channels: list[Any] = []
+    without = list[str]()
     for group in TdmsFile.open(file).groups():
         for channel in group.channels():
             if len(channel) > file.length:
@@ -202,11 +211,14 @@ def _channels(path: Path, file: _PatientFile) -> list[Any]:
                     cause="a damaged header",
                 )
             _refuse_endless_scaling(path, channel)
-            if len(channel) and channel.dtype is not None and channel.dtype.kind in "fiuM":
-                channels.append(channel)
+            if channel.dtype is not None and channel.dtype.kind in "fiuM":
+                if len(channel):
+                    channels.append(channel)
+                else:
+                    without.append(repr(channel.name[:60]))
             if len(channels) > _MOST_CHANNELS:
                 raise InputError(CODE, f"{path}: has more than {_MOST_CHANNELS} channels")
-    return channels
+    return channels, without
 
 
 def _refuse_endless_scaling(path: Path, channel: Any) -> None:

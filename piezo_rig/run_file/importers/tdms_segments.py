@@ -15,6 +15,7 @@ _STAMP = b"wf_start_time" + struct.pack("<I", 0x44)
 _VALUE = struct.Struct("<Qq")
 _1904_S = 2_082_844_800  # to 1970
 _BIG_ENDIAN = 1 << 6
+_UNKNOWN = (1 << 64) - 1
 MOST = 200
 
 
@@ -51,3 +52,17 @@ def starts(data: bytes) -> list[Start]:
             break
         position = begin + length
     return found
+
+
+def missing_bytes(data: bytes) -> int:
+    """Bytes that the last segment says it has, beyond the end of the file; 0 of a whole one.
+
+    A segment that was still being written does not say how long it is.
+    """
+    position = 0
+    while position + _LEAD_IN.size <= len(data):
+        mark, flags, _, length, _ = _LEAD_IN.unpack_from(data, position)
+        if mark != b"TDSm" or flags & _BIG_ENDIAN or length == _UNKNOWN:
+            return 0
+        position += _LEAD_IN.size + length
+    return max(position - len(data), 0)
