@@ -6,6 +6,7 @@ model leaves is. A knock that comes once raises the noise of everything and show
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,19 +24,31 @@ FEW = 20  # stretches that say nothing of how much they scatter
 STANDS_OUT = 6.0  # standard deviations of the logarithm of a stretch's power
 MOST_TOLD = 3
 NEARLY = 0.7  # of what stands out at another length
+NEXT_S = 0.05
 
 
 @dataclass(frozen=True)
 class Bursts:
     """``count`` stretches, noisier by up to ``times``, that add ``rms_nm`` to all recordings.
 
-    ``at`` : condition and seconds since its begin, of the noisiest
+    ``at`` : condition and seconds since its begin, of the noisiest; ``long_s`` : how long each is
     """
 
     count: int
     times: float
     rms_nm: float
     at: tuple[tuple[str, float], ...]
+    long_s: float = 0.0
+
+    def all_at(self, places: Sequence[tuple[str, float]]) -> bool:
+        """Whether all of them are where something is known to have happened, or next to it.
+
+        ``places`` : condition and seconds since its begin
+        """
+        return self.count <= len(self.at) and all(
+            any(there == name and begin - NEXT_S < t < begin + self.long_s + NEXT_S
+                for there, t in places) for name, begin in self.at
+        )  # fmt: skip
 
     @property
     def text(self) -> str:
@@ -84,7 +97,7 @@ def _of_length(groups: Groups, model: Model, long: int) -> Bursts | None:
     excess = float(np.sum(whole[out] - np.median(whole))) / every.size
     return Bursts(
         int(out.size), float(np.sqrt(every[order[0]] / usual)), 1e3 * float(np.sqrt(excess)),
-        tuple(places[k] for k in sorted(order)),
+        tuple(places[k] for k in sorted(order)), long * groups.factor / groups.rate,
     )  # fmt: skip
 
 

@@ -108,10 +108,20 @@ def rest_of(turns: InTurns, clean: Groups, rungs: Sequence[Rung], seen: Seen) ->
     else:
         rest = with_gain(rest, seen.of_cycles, noise_nm, by_laws_nm(rungs, AGEING), "cycles")
     rest = with_drifting(rest, seen.drifting)
-    rest = with_bursts(rest, seen.bursts, floor)
+    if seen.bursts is not None and not seen.bursts.all_at(_happened(turns)):
+        rest = with_bursts(rest, seen.bursts, floor)
     rest = with_levels(rest, seen.levels)
     rest = with_slips(rest, seen.slips[0], noise_nm, seen.slips[1])
     return with_band(rest, seen.band, noise_nm)
+
+
+def _happened(turns: InTurns) -> list[tuple[str, float]]:
+    """Condition and seconds since its begin, of jumps and lost samples that were found."""
+    groups = turns.raw.groups
+    return [
+        (groups[b.group].condition, b.index / turns.raw.rate)
+        for early in turns.early for b in early.breaks
+    ]  # fmt: skip
 
 
 def _frequencies(groups: Groups) -> list[float]:

@@ -80,6 +80,18 @@ def test_a_knock_counts_for_nearly_as_much_as_it_is(monkeypatch, rms_nm, told):
     assert bursts(groups, None) is every.get(told)
 
 
+@pytest.mark.parametrize(("places", "known"), [
+    ([("decay", 5.157)], True), ([("decay", 5.157), ("decay", 7.0)], True),
+    ([("decay", 5.4)], False), ([("steps", 5.157)], False), ([], False),
+])  # fmt: skip
+def test_what_is_loud_where_samples_were_lost_is_known(places, known):
+    assert Bursts(1, 2.8, 1.2, (("decay", 5.12),), 0.1).all_at(places) == known
+    two = Bursts(2, 2.8, 1.2, (("decay", 5.12), ("decay", 7.02)), 0.1)
+    assert two.all_at([("decay", 5.157), ("decay", 7.0)])
+    assert not two.all_at([("decay", 5.157)])
+    assert not Bursts(5, 2.8, 1.2, (("decay", 5.12),), 0.1).all_at(places)  # others are not told
+
+
 def test_a_diagnosis_calls_it_unexplained_and_names_no_cause():
     out = diagnose(knocked(session(1, "white", steady), 0.1))
     assert out.findings == []
