@@ -29,6 +29,7 @@ MOST, FEW = 40, 3  # samples that one recording may lose in a hold, or each of t
 SURE, DEAR = 8.0, 12.0  # log-likelihood by which others must be worse; for one loss more
 FAR = 3.0  # times the variance in holds, that a ramp may be off at most
 LOUD, MANY = 4.0, 20  # times the usual variance, of a hold that does not count; losses
+LONG = 30_000_000  # samples of a ramp, times the ways in which some may be lost, that are looked at
 
 
 class Ramp(NamedTuple):
@@ -155,6 +156,8 @@ class LaidOver:
         own = self.rows[1:, index] - self.rows[0, index]
         own = own - own[:, held].mean(axis=1, keepdims=True)
         several = [c for c in _more(lost) if sum(c) - sum(lost) <= MOST]
+        if index.size * len(several) > LONG:
+            return None
         cost = {c: self._cost(index, own, c) for c in several}
         dear = {c: DEAR * sum(a != b for a, b in zip(c, lost, strict=True)) for c in several}
         order = sorted(several, key=lambda c: float(cost[c][-1]) + dear[c])

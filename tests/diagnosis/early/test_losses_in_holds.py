@@ -10,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.signal import lfilter
 
+from piezo_rig.diagnosis.early import holds
 from piezo_rig.diagnosis.early.breaks import find_breaks
 from piezo_rig.diagnosis.early.holds import losses_between_holds, ramps_of
 from piezo_rig.diagnosis.grouping import group_tracks
@@ -120,6 +121,16 @@ def test_a_drive_that_never_holds_is_left_to_others():
     drive = np.abs(np.arange(-1000, 1000) % 500 - 250) * 0.2
     assert ramps_of(0.12 * drive) != []
     assert found_in(drive - drive[0], [[], [(700, 1)]]) == []
+
+
+def test_ramps_that_are_too_long_to_be_laid_over_each_other_are_left_to_others(monkeypatch):
+    """Every way in which some may be lost is held at a time: 90 of them for two recordings."""
+    losses = [[], [(HOLDS[0][0] + 100, 1)]]
+    longest = RAMP + 2 * 60 + 40 + 1  # samples, with those of the holds beside it
+    monkeypatch.setattr(holds, "LONG", 100 * longest)
+    assert placed(found_in(steps(), losses)) == places(losses)
+    monkeypatch.setattr(holds, "LONG", 80 * RAMP)
+    assert found_in(steps(), losses) == []
 
 
 @pytest.mark.parametrize("off_um", [0.05, 0.0791])
