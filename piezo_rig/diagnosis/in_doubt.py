@@ -12,7 +12,7 @@ from piezo_rig.diagnosis.grown import Tried
 from piezo_rig.diagnosis.ladder import Step
 from piezo_rig.diagnosis.race import tried
 from piezo_rig.diagnosis.refit import Fitted
-from piezo_rig.diagnosis.refusals import of_a_law, worse
+from piezo_rig.diagnosis.refusals import beyond_noise, of_a_law, worse
 from piezo_rig.diagnosis.scan import LEVEL, RUN_OFF, Found
 from piezo_rig.diagnosis.spare import AMISS
 from piezo_rig.diagnosis.steep import begun_steep
@@ -40,7 +40,7 @@ def explained(
     family : chances of a false alarm of what was looked at, shape (c,)
     of_the_rest : chance that nothing is left
     """
-    if _amiss(search, here) < (AMISS * search.noise_nm) ** 2:
+    if beyond_noise(search, here) < (AMISS * search.noise_nm) ** 2:
         return False
     if search.level < 1.0:
         return False
@@ -54,8 +54,8 @@ def explained(
     steep = begun_steep(search, here, found, fits)
     if _taken(search, here, found, steep, np.minimum(family, of_the_rest)):
         return True
-    amiss = _amiss(search, here)
-    helping = [t for t in fits if t[0] > 0.0 and _amiss(search, t[2]) < SOME_OF_IT * amiss]
+    amiss = beyond_noise(search, here)
+    helping = [t for t in fits if t[0] > 0.0 and beyond_noise(search, t[2]) < SOME_OF_IT * amiss]
     if not helping or search.aside:
         return False
     _, i, fitted = max(helping, key=lambda t: t[0])
@@ -66,18 +66,13 @@ def _taken(
     search: Search, here: Fitted, found: Found, fits: list[Tried], chance: FloatArray
 ) -> bool:
     """Take in the first of them, by what they are worth, that explains much and is no law's."""
-    amiss = _amiss(search, here)
+    amiss = beyond_noise(search, here)
     for worth, i, fitted in sorted(fits, key=lambda t: -t[0]):
         id = found.result.ids[i]
-        if worth > ONE_MORE and _amiss(search, fitted) < MUCH_OF_IT * amiss and (
+        if worth > ONE_MORE and beyond_noise(search, fitted) < MUCH_OF_IT * amiss and (
             worse(search, fitted, here) is None and of_a_law(search, fitted, id, here) is None
         ):  # fmt: skip
             search.accept(Step(id, float(chance[i]), fitted))
             search.tidy()
             return True
     return False
-
-
-def _amiss(search: Search, fitted: Fitted) -> float:
-    """Squared held-out error beyond the noise, nm^2."""
-    return search.error(0, fitted) ** 2 - search.noise_nm**2

@@ -105,13 +105,13 @@ def of_a_corner(search: Search, fitted: Fitted, here: Fitted, id: str) -> str | 
         return None
     if context_of(search.space, here.point.model).several_speeds:
         return None
-    before, after = _beyond(search, here), _beyond(search, fitted)
+    before, after = beyond_noise(search, here), beyond_noise(search, fitted)
     if after <= MOST_OF_IT * before or _says_most(search, fitted, here):
         return None
     return OF_A_CORNER
 
 
-def _beyond(search: Search, fitted: Fitted) -> float:
+def beyond_noise(search: Search, fitted: Fitted) -> float:
     """Squared held-out error beyond the noise, nm^2."""
     return max(search.error(0, fitted) ** 2 - search.noise_nm**2, 0.0)
 
@@ -135,7 +135,7 @@ def of_a_law(search: Search, fitted: Fitted, id: str, without: Fitted | None = N
     if (wandering := wanders(search.space, fitted, id)) is not None:
         return wandering
     if without is not None and (
-        _beyond(search, fitted) >= NEARLY_NOTHING * _beyond(search, without)
+        beyond_noise(search, fitted) >= NEARLY_NOTHING * beyond_noise(search, without)
     ):
         warm = of_warmth(search.space, without, fitted, id)
         if warm is not None:

@@ -17,13 +17,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from piezo_rig.diagnosis.early.mended import DROP, Break
+from piezo_rig.diagnosis.early.place import rests_of
 from piezo_rig.diagnosis.early.traces import comparable_from, sweep_bounds
 from piezo_rig.diagnosis.groups import Group
 from piezo_rig.run_file.sweep import Sweep
 
 FloatArray = NDArray[np.float64]
 Counts = tuple[int, ...]  # samples that each recording has lost by then
-STILL = 0.02  # of the usual speed
 HELD, MARGIN = 40, 60  # samples: of a hold at least, and of one beside a ramp at most
 MOST, FEW = 40, 3  # samples that one recording may lose in a hold, or each of two
 SURE, DEAR = 8.0, 12.0  # log-likelihood by which others must be worse; for one loss more
@@ -83,13 +83,7 @@ def losses_between_holds(
 
 def ramps_of(path: FloatArray) -> list[Ramp]:
     """Where a path (n,) moves, between holds and its ends."""
-    speed = np.abs(np.gradient(path))
-    if not speed.any():
-        return []
-    still = speed < STILL * float(np.percentile(speed[speed > 0.0], 95.0))
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], still.astype(np.int8), [0]])))
-    holds = [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)
-             if b - a >= HELD]  # fmt: skip
+    holds = [(a, b) for a, b in rests_of(path) if b - a >= HELD]
     beside = [(0, 0), *(h for h in holds if h[0] > 0), (path.size, path.size)]
     if holds and holds[0][0] == 0:
         beside[0] = holds[0]

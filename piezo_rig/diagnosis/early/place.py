@@ -96,15 +96,24 @@ def at_rest(
     Where in the hold they were lost makes no difference to the rest.
     """
     wide = max(24, round(AROUND_S * stretch.factor * 1000.0))
-    speed = np.abs(np.gradient(predicted[stretch.begin : stretch.end]))
-    still = speed < STILL * float(np.percentile(speed, 95.0))
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], still.astype(np.int8), [0]])))
     at = near - stretch.begin
-    for a, b in zip(edges[::2], edges[1::2], strict=True):
+    for a, b in rests_of(predicted[stretch.begin : stretch.end]):
         if a - wide < at < b + wide and b - a > wide:
             index = stretch.begin + int(np.clip(at, a, b - 1))
             return index, index, index, 0.0
     return None
+
+
+def rests_of(path: FloatArray) -> list[tuple[int, int]]:
+    """Where a path (n,) stands still between moves, from one sample up to another; nowhere if it
+    never moves.
+    """
+    speed = np.abs(np.gradient(path))
+    if not speed.any():
+        return []
+    still = speed < STILL * float(np.percentile(speed[speed > 0.0], 95.0))
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], still.astype(np.int8), [0]])))
+    return [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
 
 
 def _correlation(values: FloatArray, base: FloatArray, steps: FloatArray) -> float:
