@@ -53,6 +53,7 @@ from piezo_rig.diagnosis.refit import settle
 from piezo_rig.diagnosis.refusals import BESIDE
 from piezo_rig.diagnosis.rest import Seen, looks, rest_of
 from piezo_rig.diagnosis.rungs import Gain, rungs_of
+from piezo_rig.diagnosis.taken_back import taken_back
 from piezo_rig.diagnosis.unlike import within_what_is_wrong, within_what_remains
 from piezo_rig.identification import prepare
 from piezo_rig.run_file.sweep import Sweep
@@ -166,6 +167,11 @@ def _answer(
     tell("held out, what can be told apart, and the rest")
     settle(space, last.point)
     looked = _looked(turns, clean, steps, refused)
+    begun = len(turns.cleaned) - 1 + len(search.monitored)
+    back = taken_back(search.ladder, looked.errors[begun:]) if search.kind != "none" else None
+    if back is not None:
+        search.ladder, said = back
+        return _answer(turns, name, [*notes, said], warnings, tell)
     names = [name, *(cause for cause, _ in turns.cleaned[1:]), *(s.cause for s in steps)]
     rungs, gains = rungs_of(names, looked.errors, turns.rng)
     notes = [*notes, *_on_the_figures(search, rungs, looked.carried)]

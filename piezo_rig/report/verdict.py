@@ -167,8 +167,8 @@ def _base(d: Diagnosis) -> str:
         return d.rungs[i - 1].rms_nm - d.rungs[i].rms_nm
 
     own = [i for i, r in enumerate(d.rungs) if i and r.finding is None]
-    most = max(own, key=fall, default=0)
-    if not most or fall(most) < MOST * (d.rungs[0].rms_nm - d.rungs[-1].rms_nm):
+    most, whole = max(own, key=fall, default=0), d.rungs[0].rms_nm - d.rungs[-1].rms_nm
+    if not most or whole <= 0.0 or fall(most) < MOST * whole:
         return ""
     rung: Rung = d.rungs[most]
     ripple = d.unexplained.ripple
