@@ -53,7 +53,7 @@ from piezo_rig.diagnosis.refit import settle
 from piezo_rig.diagnosis.refusals import BESIDE
 from piezo_rig.diagnosis.rest import Seen, looks, rest_of
 from piezo_rig.diagnosis.rungs import Gain, rungs_of
-from piezo_rig.diagnosis.taken_back import taken_back
+from piezo_rig.diagnosis.taken_back import taken_back, without_the_doubtful
 from piezo_rig.diagnosis.unlike import within_what_is_wrong, within_what_remains
 from piezo_rig.identification import prepare
 from piezo_rig.run_file.sweep import Sweep
@@ -174,7 +174,7 @@ def _answer(
         return _answer(turns, name, [*notes, said], warnings, tell)
     names = [name, *(cause for cause, _ in turns.cleaned[1:]), *(s.cause for s in steps)]
     rungs, gains = rungs_of(names, looked.errors, turns.rng)
-    notes = [*notes, *_on_the_figures(search, rungs, looked.carried)]
+    given, notes = notes, [*notes, *_on_the_figures(search, rungs, looked.carried)]
     model = final_model(last, name, search.spread)
     findings = [
         Finding(f.cause, CAUSES[f.cause].place, min(f.p_value, 1.0),
@@ -184,6 +184,10 @@ def _answer(
     ]  # fmt: skip
     before = len(turns.cleaned) - 1
     own = _of_the_ladder(search, steps, gains[before:], looked.apart, model, rungs[-1].rms_nm)
+    doubted = without_the_doubtful(search.ladder, own)
+    if doubted is not None:
+        search.ladder = doubted
+        return _answer(turns, name, given, warnings, tell)
     findings += own
     notes += [
         f"the base model has a memoryless bend: {BENDS[s.cause]}" for s in steps

@@ -18,6 +18,7 @@ from piezo_rig.causes import CAUSES
 from piezo_rig.causes.cause import Cause
 from piezo_rig.diagnosis.fit import Point
 from piezo_rig.diagnosis.forms import as_late, converged
+from piezo_rig.diagnosis.needed import too_long
 from piezo_rig.diagnosis.refit import STEPS, Fitted, refit
 from piezo_rig.diagnosis.refusals import worse
 from piezo_rig.diagnosis.scan import by_speed, candidates
@@ -86,6 +87,8 @@ def both(search: Search) -> bool:
     if not ends:
         return False
     there = converged(search.space, max(ends, key=lambda f: f.evidence))
+    if any(too_long(search.space, there.point, k.id) for k in kinds):
+        return False
     needed = PLAINLY + EACH * (len(kinds) - len(late))
     if there.evidence < search.fitted.evidence + needed and not _foretells(search, there):
         return False
@@ -139,7 +142,7 @@ def _the_others(search: Search) -> Iterator[tuple[int, str, Fitted]]:
                 continue
             search.tell(f"refit with {c.id} for {step.cause}")
             there = _instead(search, own, kind)
-            if there is not None:
+            if there is not None and not too_long(search.space, there.point, c.id):
                 yield k, c.id, there
 
 

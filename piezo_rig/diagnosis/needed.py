@@ -18,6 +18,7 @@ SEEN = 2.0  # d' in white noise, with nothing else to explain it, below which no
 OWN = 0.1  # of what a given model was off by itself, noise and all: no more is no news
 PLAIN = 50.0  # log-likelihood that a bend is worth, however uncertain its size
 MUCH = 1.1  # squared error, of that with the bend
+BEYOND = 2.0  # times the least that a drive monitor would have shown, which it cannot have missed
 DIFFERENT = 1e-4  # a member must differ from nothing at this level
 
 
@@ -83,6 +84,14 @@ def at_a_limit(point: Point, id: str, but: str = "") -> bool:
     limits = getattr(type(stage), "limits", {})
     own = [n for i, n in point.names if i == id and n != but]
     return any(not limits[n][0] < stage[n] < limits[n][1] for n in own if n in limits)
+
+
+def too_long(space: Space, point: Point, id: str) -> bool:
+    """Whether a member lasts longer than a drive monitor leaves room for, which shows none."""
+    stage = point.model.stage(id)
+    if id not in space.longest or not isinstance(stage, Cause):
+        return False
+    return stage[stage.lasting] > BEYOND * space.longest[id]
 
 
 def does_nothing(space: Space, point: Point, id: str) -> bool:

@@ -14,7 +14,7 @@ from piezo_rig.causes.cause import Cause
 from piezo_rig.diagnosis.abreast import abreast
 from piezo_rig.diagnosis.bends import BEND
 from piezo_rig.diagnosis.grown import FAR_BEHIND, Tried, grown
-from piezo_rig.diagnosis.needed import at_a_limit
+from piezo_rig.diagnosis.needed import at_a_limit, too_long
 from piezo_rig.diagnosis.put_in import plainer, refitted
 from piezo_rig.diagnosis.refit import Fitted, gained
 from piezo_rig.diagnosis.refusals import FAR_OFF, MUCH
@@ -114,7 +114,8 @@ def tried(
     out: list[Tried] = []
     for (i, _), (worth, fitted, error) in zip(begun, ends, strict=True):
         id = result.ids[i]
-        if at_a_limit(fitted.point, id, getattr(CAUSES[id], "scanned", ("",))[0]):
+        limited = at_a_limit(fitted.point, id, getattr(CAUSES[id], "scanned", ("",))[0])
+        if limited or too_long(search.space, fitted.point, id):
             search.came_to_nothing(id, here)
             continue
         out.append((worth, i, fitted))

@@ -1,4 +1,4 @@
-"""Rungs that, taken together, predict far worse than the ladder began are taken back.
+"""Rungs are taken back that predict far worse than the ladder began, or are in doubt altogether.
 
 Every rung is judged as the climb holds data out. Where the figures hold out whole recordings of
 other drives, a ladder may turn out to have followed one recording and to say nothing of the next:
@@ -10,7 +10,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from piezo_rig.diagnosis.found import NO_FINDINGS
+from piezo_rig.causes import CAUSES
+from piezo_rig.causes.cause import Cause
+from piezo_rig.diagnosis.found import NO_FINDINGS, Finding
 from piezo_rig.diagnosis.held_out import Errors
 from piezo_rig.diagnosis.ladder import Ladder
 
@@ -29,16 +31,39 @@ def taken_back(ladder: Ladder, errors: Sequence[Errors]) -> tuple[Ladder, str] |
         return None
     keep = max((k for k, e in enumerate(after, 1) if not _far(e, begun)), default=0)
     against = f"({after[-1].rms_nm:.3g} nm against {begun.rms_nm:.3g} nm)"
-    gone = [s.cause for s in ladder.steps[keep:]]
+    gone = ", ".join(s.cause for s in ladder.steps[keep:])
+    said = (f"the model was extended by {gone} as well, which predicts data that it has not seen "
+            f"far worse {against}: taken back")  # fmt: skip
+    why = f"fits, but what it leads to predicts data that it has not seen far worse {against}"
+    return _up_to(ladder, keep, why), said
+
+
+def without_the_doubtful(ladder: Ladder, findings: Sequence[Finding]) -> Ladder | None:
+    """The ladder without its last rung, where nothing about that is sure; None where something is.
+
+    Neither how much there is of it, for every number that is known to an interval may as well be
+    that of nothing, nor whether it helps to predict.
+    """
+    last = findings[-1] if findings else None
+    if last is None or not ladder.steps or ladder.steps[-1].cause != last.cause:
+        return None
+    kind = CAUSES[last.cause]
+    nothing = kind.neutral if issubclass(kind, Cause) else {}
+    known = {n: p.ci95 for n, p in last.parameters.items() if p.ci95 is not None}
+    sure = [n for n, (a, b) in known.items() if not a <= nothing.get(n, 0.0) <= b]
+    if not known or sure or last.gain_ci95 is None or last.gain_ci95[0] > 0.0:
+        return None
+    why = "fits, but neither how much there is of it nor whether it helps to predict is sure"
+    return _up_to(ladder, len(ladder.steps) - 1, why)
+
+
+def _up_to(ladder: Ladder, keep: int, why: str) -> Ladder:
+    """So many steps of a ladder, and why the causes behind them were left out."""
+    gone = {s.cause: why for s in ladder.steps[keep:] if s.cause not in NO_FINDINGS}
     scans = list(ladder.scans)
     if scans:
-        why = f"fits, but what it leads to predicts data that it has not seen far worse {against}"
-        scans[-1] = replace(scans[-1], refused={
-            **scans[-1].refused, **{cause: why for cause in gone if cause not in NO_FINDINGS},
-        })  # fmt: skip
-    said = (f"the model was extended by {', '.join(gone)} as well, which predicts data that it has "
-            f"not seen far worse {against}: taken back")  # fmt: skip
-    return replace(ladder, steps=ladder.steps[:keep], scans=tuple(scans)), said
+        scans[-1] = replace(scans[-1], refused={**scans[-1].refused, **gone})
+    return replace(ladder, steps=ladder.steps[:keep], scans=tuple(scans))
 
 
 def _far(errors: Errors, begun: Errors) -> bool:

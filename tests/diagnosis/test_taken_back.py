@@ -1,12 +1,19 @@
-"""A ladder that predicts far worse than it began is taken back to where it still predicts."""
+"""What is not named after all: it predicts far worse, nothing about it is sure, a monitor lacks it.
+"""
+
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from piezo_rig.causes import CAUSES
+from piezo_rig.chain import Elements, Maxwell, Model, Parameter
+from piezo_rig.diagnosis.found import Finding
 from piezo_rig.diagnosis.held_out import Errors
 from piezo_rig.diagnosis.ladder import Ladder, Step
+from piezo_rig.diagnosis.needed import too_long
 from piezo_rig.diagnosis.scan import Scan
-from piezo_rig.diagnosis.taken_back import taken_back
+from piezo_rig.diagnosis.taken_back import taken_back, without_the_doubtful
 
 
 def errors(nm, stretches=1, worst=None):
@@ -54,3 +61,49 @@ def test_one_stretch_that_goes_where_no_other_has_been_takes_nothing_back():
     begun, after = errors(4.0, 4), errors(3.0, 4, worst=100.0)
     assert after.rms_nm > 2.0 * begun.rms_nm
     assert taken_back(ladder("creep"), [begun, after]) is None
+
+
+def finding(cause, gain_ci95, **intervals):
+    numbers = {n: Parameter(0.5 * sum(ci), "1", ci95=ci) for n, ci in intervals.items()}
+    numbers["whole"] = Parameter(0.0, "1")
+    return Finding(cause, "actuator", 1e-3, 16.0, gain_ci95, numbers, [])
+
+
+def test_a_last_rung_of_which_neither_size_nor_use_is_sure_is_not_named():
+    last = finding("cycle-aging", [-4.0, 43.0], rate_per_decade=(-0.02, 0.05))
+    found = without_the_doubtful(ladder("bend", "cycle-aging"), [last])
+    assert [s.cause for s in found.steps] == ["bend"]
+    assert "sure" in found.scans[-1].refused["cycle-aging"]
+
+
+@pytest.mark.parametrize(("cause", "gain", "intervals"), [
+    ("cycle-aging", [2.0, 43.0], {"rate_per_decade": (-0.02, 0.05)}),  # it helps
+    ("cycle-aging", [-4.0, 43.0], {"rate_per_decade": (0.01, 0.05)}),  # there is some of it
+    ("thermal-drift", [-4.0, 43.0], {"rate": (-9.0, 1.0), "settling": (0.1, 0.2)}),
+    ("direction-asymmetry", [-4.0, 43.0], {"ratio": (1.01, 1.2)}),
+    ("initiation-stage", [-4.0, 43.0], {}),  # a table, whose size no interval says
+    ("cycle-aging", None, {"rate_per_decade": (-0.02, 0.05)}),  # nothing was held out
+])  # fmt: skip
+def test_a_last_rung_of_which_something_is_sure_stays(cause, gain, intervals):
+    last = finding(cause, gain, **intervals)
+    assert without_the_doubtful(ladder("bend", cause), [last]) is None
+
+
+def test_an_asymmetry_of_one_is_none():
+    last = finding("direction-asymmetry", [-4.0, 43.0], ratio=(0.99, 1.02))
+    assert without_the_doubtful(ladder("direction-asymmetry"), [last]).steps == ()
+
+
+def test_what_is_not_the_last_rung_stays():
+    last = finding("cycle-aging", [-4.0, 43.0], rate_per_decade=(-0.02, 0.05))
+    assert without_the_doubtful(ladder("cycle-aging", "bend"), [last]) is None
+
+
+@pytest.mark.parametrize(("tau", "too"), [(1e-4, False), (5e-4, True)])
+def test_a_lag_is_no_longer_than_what_a_drive_monitor_cannot_have_missed(tau, too):
+    """Whatever the displacement makes of it: the monitor would have shown 0.1 ms."""
+    lag = CAUSES["amplifier-lag"].of(None, tau=tau)
+    table = Elements.from_curve(np.array([75.0]), np.array([0.12]))
+    point = SimpleNamespace(model=Model((lag, Maxwell.of(table))))
+    assert too_long(SimpleNamespace(longest={"amplifier-lag": 1e-4}), point, lag.id) == too
+    assert not too_long(SimpleNamespace(longest={}), point, lag.id)
