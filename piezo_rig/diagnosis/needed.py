@@ -88,10 +88,11 @@ def at_a_limit(point: Point, id: str, but: str = "") -> bool:
 
 def too_long(space: Space, point: Point, id: str) -> bool:
     """Whether a member lasts longer than a drive monitor leaves room for, which shows none."""
-    stage = point.model.stage(id)
-    if id not in space.longest or not isinstance(stage, Cause):
+    most = getattr(space, "longest", {}).get(id)
+    if most is None:
         return False
-    return stage[stage.lasting] > BEYOND * space.longest[id]
+    stage = point.model.stage(id)
+    return isinstance(stage, Cause) and stage[stage.lasting] > BEYOND * most
 
 
 def does_nothing(space: Space, point: Point, id: str) -> bool:
