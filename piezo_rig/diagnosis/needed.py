@@ -88,11 +88,10 @@ def at_a_limit(point: Point, id: str, but: str = "") -> bool:
 
 def too_long(space: Space, point: Point, id: str) -> bool:
     """Whether a member lasts longer than a drive monitor leaves room for, which shows none."""
-    most = getattr(space, "longest", {}).get(id)
-    if most is None:
+    if id not in space.longest:
         return False
     stage = point.model.stage(id)
-    return isinstance(stage, Cause) and stage[stage.lasting] > BEYOND * most
+    return isinstance(stage, Cause) and stage[stage.lasting] > BEYOND * space.longest[id]
 
 
 def does_nothing(space: Space, point: Point, id: str) -> bool:

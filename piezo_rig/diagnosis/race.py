@@ -17,7 +17,7 @@ from piezo_rig.diagnosis.grown import FAR_BEHIND, Tried, grown
 from piezo_rig.diagnosis.needed import at_a_limit, too_long
 from piezo_rig.diagnosis.put_in import plainer, refitted
 from piezo_rig.diagnosis.refit import Fitted, gained
-from piezo_rig.diagnosis.refusals import FAR_OFF, MUCH
+from piezo_rig.diagnosis.refusals import FAR_OFF, MUCH, TOO_LONG
 from piezo_rig.diagnosis.scan import LEVEL, Form, Found, Scan, by_speed, has_reach, of_base
 from piezo_rig.diagnosis.steep import begun_steep
 from piezo_rig.diagnosis.twins import twins_of
@@ -114,9 +114,11 @@ def tried(
     out: list[Tried] = []
     for (i, _), (worth, fitted, error) in zip(begun, ends, strict=True):
         id = result.ids[i]
-        limited = at_a_limit(fitted.point, id, getattr(CAUSES[id], "scanned", ("",))[0])
-        if limited or too_long(search.space, fitted.point, id):
+        if at_a_limit(fitted.point, id, getattr(CAUSES[id], "scanned", ("",))[0]):
             search.came_to_nothing(id, here)
+            continue
+        if too_long(search.space, fitted.point, id):
+            search.bar(id, here, TOO_LONG, 0.0)  # whatever else is found
             continue
         out.append((worth, i, fitted))
         if error is not None:

@@ -33,6 +33,7 @@ BESIDE = "not needed beside "  # and the name of another
 NEARLY_NOTHING = 0.05  # the same: what a cause leaves that is no warmth, whatever that says
 SAYS_NO_MORE = "once refitted it says no more than the model without it"
 CAME_TO_NOTHING = "once refitted it came out at a limit, or no different from nothing"
+TOO_LONG = "once refitted it is larger than the drive monitor, which shows none, leaves room for"
 OF_THE_MISFIT = (
     "fits, but predicts data that it has not seen no better, while the model is still far off"
 )

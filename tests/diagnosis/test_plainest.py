@@ -84,7 +84,8 @@ def left_of_a_race(monkeypatch, steady_nm, settling_nm, here_nm=20.0):
         fitted.evidence, fitted, None
     ))  # fmt: skip
     search = SimpleNamespace(
-        patience=Patience(), space=None, tell=lambda text: None, error=lambda k, f: f.error
+        patience=Patience(), space=SimpleNamespace(longest={}), tell=lambda text: None,
+        error=lambda k, f: f.error
     )
     here = SimpleNamespace(evidence=0.0, parts=(), error=here_nm)
     drifts = SimpleNamespace(result=SimpleNamespace(ids=(DRIFT,)))

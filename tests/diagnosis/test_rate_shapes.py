@@ -146,7 +146,7 @@ def test_a_delay_that_says_as_much_as_a_lag_is_noted_beside_it(
 
     search = SimpleNamespace(
         causes=["amplifier-lag"], steps=[Step("amplifier-lag", 0.0, fitted)], fitted=fitted,
-        space=None, tell=lambda text: None,
+        space=SimpleNamespace(longest={}), tell=lambda text: None,
         error=lambda _, f: 2.0 if f is fitted else error_nm,
     )  # fmt: skip
     search.as_good = lambda *a: Search.as_good(search, *a)

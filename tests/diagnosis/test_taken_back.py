@@ -8,12 +8,15 @@ import pytest
 
 from piezo_rig.causes import CAUSES
 from piezo_rig.chain import Elements, Maxwell, Model, Parameter
+from piezo_rig.diagnosis import diagnose, late
+from piezo_rig.diagnosis import taken_back as module
 from piezo_rig.diagnosis.found import Finding
 from piezo_rig.diagnosis.held_out import Errors
 from piezo_rig.diagnosis.ladder import Ladder, Step
 from piezo_rig.diagnosis.needed import too_long
 from piezo_rig.diagnosis.scan import Scan
 from piezo_rig.diagnosis.taken_back import taken_back, without_the_doubtful
+from tests.diagnosis.small_bench import CONDITIONS, recordings
 
 
 def errors(nm, stretches=1, worst=None):
@@ -107,3 +110,27 @@ def test_a_lag_is_no_longer_than_what_a_drive_monitor_cannot_have_missed(tau, to
     point = SimpleNamespace(model=Model((lag, Maxwell.of(table))))
     assert too_long(SimpleNamespace(longest={"amplifier-lag": 1e-4}), point, lag.id) == too
     assert not too_long(SimpleNamespace(longest={}), point, lag.id)
+
+
+@pytest.mark.parametrize(("tau", "offered"), [(1e-4, True), (5e-4, False)])
+def test_such_a_lag_is_not_put_in_a_delays_place(monkeypatch, tau, offered):
+    lag = CAUSES["amplifier-lag"].of(None, tau=tau)
+    model = Model((lag, Maxwell.of(Elements.from_curve(np.array([75.0]), np.array([0.12])))))
+    there = SimpleNamespace(point=SimpleNamespace(model=model))
+    monkeypatch.setattr(late, "candidates", lambda space, less: ([SimpleNamespace(id=lag.id)], {}))
+    monkeypatch.setattr(late, "_instead", lambda search, own, other: there)
+    search = SimpleNamespace(
+        causes=["time-skew"], steps=[Step("time-skew", 1e-9, None)], fitted=there,
+        space=SimpleNamespace(longest={lag.id: 1e-4}), tell=lambda text: None,
+    )  # fmt: skip
+    assert [id for _, id, _ in late._the_others(search)] == ([lag.id] if offered else [])
+
+
+def test_an_answer_is_made_anew_without_what_was_taken_back(monkeypatch):
+    """Any error counts as far too large: a zero that drifts is not named, and seen to be left."""
+    monkeypatch.setattr(module, "FAR", 0.0)
+    found = diagnose(recordings(sensor=lambda x, t, rng: x + 0.03 * t, conditions=CONDITIONS[:2]))
+    assert found.findings == []
+    assert "far worse" in found.refused["thermal-drift"]
+    assert any("taken back" in note for note in found.notes)
+    assert found.unexplained.detected
