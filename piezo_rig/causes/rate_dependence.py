@@ -36,7 +36,8 @@ REFERENCE_V_PER_S = 300.0
 NONE = Parameter(0.0, "1")
 USUAL_S = 3e-3
 WINDOWS_S = (0.5e-3, 2e-3, 8e-3)
-AT_ONCE_S = 0.1e-3  # of thresholds that follow the speed at once: their corners are as sharp
+AT_ONCE_S = 0.1e-3  # of what follows the speed at once: its corners are as sharp
+FINE = 2.0  # samples within that, from which on it is told from what follows later
 SHAPE_WINDOWS_S = (0.1e-3, 0.5e-3, 2e-3, 8e-3)
 SHAPE_EXPONENTS = ((0.4, 0.7, 1.0), (0.5, 0.75))  # of powers, and of lags that level off
 LEVELS, HALVED = (0.02, 0.98), 60  # exponents of lags that level off; bits to which one is found
@@ -289,11 +290,12 @@ class RateDependence(Cause):
         size, branches = 3e-4 * context.travel_um, context.model.branches()
         um_per_v, opens_um = _mean_compliance(branches), _behind_um(branches)
         forms = (0.0, 1.0, 2.0) if opens_um > 0.0 else (0.0, 1.0)
+        fine = context.seen_hz * AT_ONCE_S >= FINE
         return [
             [cls.of(None, lag_um=size / speed**e, exponent=e, window_s=w, widens=s,
                     um_per_v=um_per_v, opens_um=opens_um)
              for e in (LOW, HIGH)]
-            for s in forms for w in (WINDOWS_S if s < 2.0 else (AT_ONCE_S, *WINDOWS_S))
+            for s in forms for w in ((AT_ONCE_S, *WINDOWS_S) if fine or s == 2.0 else WINDOWS_S)
         ]  # fmt: skip
 
     @classmethod

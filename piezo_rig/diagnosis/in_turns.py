@@ -24,14 +24,17 @@ from piezo_rig.diagnosis.climbed import PERIODIC, Climbed, climbed, fitted_anew
 from piezo_rig.diagnosis.early import (
     HUM,
     TRIED,
+    Break,
     Early,
     Reading,
     clean_up,
     credited,
     hum_again,
     hum_behind,
+    losses_of_monitors,
     never_outliers,
     read_monitor,
+    with_monitors_mended,
 )
 from piezo_rig.diagnosis.early.mended import DROP, JUMP
 from piezo_rig.diagnosis.early.recounted import BESIDE_ALL, PLAINLY, square_of
@@ -73,6 +76,7 @@ class InTurns:
     raw, sweeps : recordings as they were made
     start : the baseline, fitted to what is clean by now
     between : whether the drive is known to turn between samples
+    lost : samples that drive monitors show to be lost
     early : what was found wrong with the recordings themselves, in order
     aside : an error that comes back with displacement or drive at a period of its own, if any
     whole, clean : without all that; with repeats also at one phase of the interferometer's error
@@ -86,6 +90,7 @@ class InTurns:
     rng: np.random.Generator
     tell: Callable[[str], None]
     between: bool
+    lost: list[Break] = field(default_factory=list)
     early: list[Early] = field(default_factory=list)
     aside: AnyRipple | None = None
     reading: Reading | None = None
@@ -147,8 +152,11 @@ class InTurns:
         """What the recordings show by themselves, beside the baseline."""
         self.tell("outliers, jumps, lost samples and hum")
 
+        self.lost = losses_of_monitors(self.raw, self.sweeps)
+        heard_of = with_monitors_mended(self.sweeps, self.raw, self.lost)
+
         def heard() -> Reading | None:
-            return read_monitor(self.raw, self.sweeps, SHARE * LEVEL, self.tried)
+            return read_monitor(self.raw, heard_of, SHARE * LEVEL, self.tried)
 
         # neither asks for what the other says: the monitor hears nothing of what the sensor does
         (self.early, point), self.reading = both(
@@ -204,7 +212,7 @@ class InTurns:
     ) -> tuple[list[Early], Point]:
         return clean_up(
             self.raw, self.sweeps, beside or self.start.point,
-            _plainly, SHARE * LEVEL, self.tried, behind, enough,
+            _plainly, SHARE * LEVEL, self.tried, behind, enough, self.lost,
         )  # fmt: skip
 
     def _climb(self, brief: bool = False) -> None:
@@ -241,7 +249,7 @@ class InTurns:
             for step in steps:
                 there = there.without(step.cause)
             base = there if others else base
-        if known[0] and not others:
+        if known[0] and not others and not self.lost:
             self.tell("lost samples counted once more")
             behind, there = self._cleaned(model, enough=BESIDE_ALL)
             mended = behind[-1].groups if behind else self.raw

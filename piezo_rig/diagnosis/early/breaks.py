@@ -64,7 +64,7 @@ class Breaks:
 
 def find_breaks(
     groups: Groups, model: Model, sweeps: Sequence[Sweep], level: float,
-    line_hz: float | None = None,
+    line_hz: float | None = None, lost: Sequence[Break] = (),
 ) -> Breaks:  # fmt: skip
     """Every jump and loss that is less likely by chance than ``level``.
 
@@ -73,15 +73,19 @@ def find_breaks(
     model : predicts the velocity, and without repeats the displacement
     sweeps : the recordings that the groups are made of
     line_hz : of a hum in the recordings, not to be taken for anything else
+    lost : what monitors show to be lost; then nothing else is
     """
     predicted = [g.predicted(model) for g in groups.groups]
     found = stretches(groups, predicted, sweeps, line_hz)
-    breaks: list[Break] = []
+    breaks = list(lost)
     closed: set[int] = set()  # groups in which nothing more can be placed
     guessed: dict[int, int] = {}  # group -> how many breaks there were before one was guessed
     for _ in range(ROUNDS if found else 0):
         search = search_of(mended(groups, predicted, breaks), predicted, found, breaks, sweeps)
-        peaks = [p for p in find_peaks(search) if search.chance(p.gained) < level]
+        peaks = [
+            p for p in find_peaks(search)
+            if search.chance(p.gained) < level and not (lost and p.cause == DROP)
+        ]
         before, tried = len(breaks), len(guessed)
         for g in sorted({found[p.stretch].group for p in peaks} - closed):
             mine = sorted((p for p in peaks if found[p.stretch].group == g),
@@ -101,12 +105,13 @@ def find_breaks(
                     new = None  # a loss that could not be placed is no jump
             if new is not None and search.chance(gained) < level:
                 breaks.append(new)
-            elif g in guessed or (guess := guess_of(search, mine[:LIKELIEST])) is None:
+            elif lost or g in guessed or (guess := guess_of(search, mine[:LIKELIEST])) is None:
                 closed.add(g)
             else:
                 guessed[g] = len([b for b in breaks if b.group == g])
                 breaks.append(guess)
-        for g in sorted({s.group for s in found} - set(guessed)) if len(breaks) == before else ():
+        others = {s.group for s in found} - set(guessed) if not lost else set()
+        for g in sorted(others) if len(breaks) == before else ():
             guess = guess_of(search, losses_of_pairs(search, g, level))
             if guess is not None:
                 closed.discard(g)
@@ -118,6 +123,8 @@ def find_breaks(
         losses = [b for b in breaks if b.group == g]
         if not _borne_out(groups, predicted, found, breaks, sweeps, losses[known]):
             breaks = [b for b in breaks if b not in losses[known:]]
+    if lost:
+        return Breaks(tuple(breaks))
     breaks = _cancelled(breaks)
     plain = [b for b in breaks if b.high - b.low < SPREAD]  # elsewhere two are as good as one
     for several in [b for b in plain if b.cause == DROP and 1 < b.count <= FEWER]:

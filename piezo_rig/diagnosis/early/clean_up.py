@@ -116,7 +116,7 @@ def _placed_again(
 def clean_up(
     raw: Groups, sweeps: Sequence[Sweep], point: Point,
     refitted: Callable[[Groups, Point], Point], level: float, count: int,
-    behind: float | None = None, enough: float = PLAINLY,
+    behind: float | None = None, enough: float = PLAINLY, lost: Sequence[Break] = (),
 ) -> tuple[list[Early], Point]:  # fmt: skip
     """Everything found, in order, and the baseline refitted to what is left.
 
@@ -128,8 +128,12 @@ def clean_up(
     count : causes that are tried in all, for the correction
     behind : squared error of other causes that may stand for losses, um^2: see `outright`
     enough : what another number of losses must leave at most: see `recounted`
+    lost : what drive monitors show to be lost
     """
     clean, found = raw, list[Early]()
+    if lost:
+        whole = mended(raw, [g.predicted(point.model) for g in raw.groups], lost)
+        point = refitted(whole, point)
     spikes = find_spikes(raw, point.model)
     if spikes.p_value * count < level:
         clean = spikes.groups
@@ -140,17 +144,17 @@ def clean_up(
         point = refitted(clean, point)
     hum = find_hum(clean, point.model)
     line = hum.frequency if hum is not None and hum.p_value * count < level else None
-    breaks = find_breaks(clean, point.model, sweeps, level / count, line)
+    breaks = find_breaks(clean, point.model, sweeps, level / count, line, lost)
     if _of_levels(clean, point, breaks):
-        breaks = Breaks(())
+        breaks = Breaks(tuple(lost))
     else:
         known = recounted(clean, point, breaks.breaks, refitted, enough)
-        if behind is not None:
+        if behind is not None and not lost:
             known = outright(clean, point, sweeps, known, refitted, behind)
         breaks = _believed(clean, point, known, refitted)
         if any(b.high - b.low >= SPREAD for b in breaks.breaks):
             breaks = _placed_again(clean, point, breaks, refitted, lambda model: find_breaks(
-                clean, model, sweeps, level / count, line
+                clean, model, sweeps, level / count, line, lost
             ))  # fmt: skip
     if breaks.breaks:
         before = clean

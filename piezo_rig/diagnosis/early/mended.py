@@ -29,6 +29,7 @@ class Break:
     low, high : where it may be as well; what lies between is not used
     end : one past the last sample of the sweep
     p_value : chance of it anywhere in the data
+    sure : whether the drive monitor has shown it: its place and count stand
     """
 
     cause: str
@@ -40,6 +41,7 @@ class Break:
     high: int
     end: int
     p_value: float
+    sure: bool = False
 
 
 def mended(groups: Groups, predicted: Sequence[FloatArray], breaks: Sequence[Break]) -> Groups:
@@ -50,12 +52,13 @@ def mended(groups: Groups, predicted: Sequence[FloatArray], breaks: Sequence[Bre
         for r in range(group.repeats):
             mine = [b for b in breaks if (b.group, b.row) == (g, r)]
             if mine:
-                rows[r] = _row(rows[r], predicted[g], mine)
+                rows[r] = moved(rows[r], predicted[g], mine)
         out.append(group.with_measured(rows) if any(b.group == g for b in breaks) else group)
     return groups.with_(out)
 
 
-def _row(row: FloatArray, predicted: FloatArray, breaks: Sequence[Break]) -> FloatArray:
+def moved(row: FloatArray, predicted: FloatArray, breaks: Sequence[Break]) -> FloatArray:
+    """One record (n,) without its breaks; gaps follow what is predicted (n,)."""
     level, at, known = row.copy(), np.arange(row.size), np.ones(row.size, bool)
     ends = np.full(row.size, row.size)
     for b in breaks:

@@ -24,6 +24,7 @@ FINE = 0.35  # standard error, in steps or samples, with which whole numbers can
 PLAIN = 12.0  # standard errors, from which on a break is plain
 PART = 0.3  # of a step or sample
 CORNER_S = 0.01  # so near to a turning point a model may be wrong by as much
+CORNER = 0.2  # but no more than this share of a usual half loop
 BEGIN, END = 2, 20  # thinned samples; where the drive ends, lost samples show no velocity
 
 
@@ -166,6 +167,9 @@ def _away(time: FloatArray, drive: FloatArray, stretch: Stretch) -> NDArray[np.b
     way = np.sign(np.gradient(drive[cut]))
     corner = np.append(np.diff(way) != 0, False)
     half = max(1, round(CORNER_S / max(float(np.median(np.diff(time[cut]))), 1e-12)))
+    turned = np.flatnonzero(corner)
+    if turned.size > 1:
+        half = max(1, min(half, round(CORNER * float(np.median(np.diff(turned))))))
     near = np.convolve(corner, np.ones(2 * half + 1), mode="same") > 0
     return stretch.thinned(near.astype(float)) == 0.0
 

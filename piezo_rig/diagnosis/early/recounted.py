@@ -42,7 +42,7 @@ def recounted(
     here = list(breaks)
     losses = [b for b in here if b.cause == DROP and groups.groups[b.group].repeats < 2]
     members = {b.group for b in losses}
-    if not 0 < len(losses) <= MANY:
+    if not 0 < len(losses) <= MANY or any(b.sure for b in here):
         return here
 
     def left(tried: Sequence[Break]) -> float:
