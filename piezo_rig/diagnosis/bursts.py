@@ -16,7 +16,9 @@ from piezo_rig.chain import Model
 from piezo_rig.diagnosis.groups import Group, Groups
 
 FloatArray = NDArray[np.float64]
-LENGTHS = (32, 16, 128, 512)  # thinned samples of a stretch: slow ringing is slow in a short one
+# thinned samples of a stretch: slow ringing is slow in a short one; and the degree of what is taken
+# off each: what a model lacks varies more slowly than what rings
+LOOKS = ((32, 1), (16, 1), (128, 1), (512, 1), (64, 3), (128, 9))
 SPIKED = 16  # samples of a stretch, of which one may be loud: a spike, and the cell it spreads to
 # percentiles, and standard deviations from the median to each
 WITHIN = ((10.0, -1.2816), (25.0, -0.6745), (75.0, 0.6745))
@@ -63,23 +65,23 @@ def bursts(groups: Groups, model: Model) -> Bursts | None:
     """What stands out of the deviations of recordings from the mean of their repeats, or of those
     that have none from the model.
 
-    Stretches are compared by the logarithm of their power, trends and the loudest samples taken
-    off: a spike is no burst. Its scatter is that of three quarters of the data at hand, whatever
+    Stretches are compared by the logarithm of their power, trends (or polynomials) and the loudest
+    samples taken off: a spike is no burst. Its scatter is that of three quarters of the data at hand, whatever
     the spectrum of their noise, the largest of three estimates: few stretches know it badly.
     Of the lengths of stretches at which something stands out the first counts at which it is nearly
     as much as at any: of a slow knock a short one holds hardly more than a trend. None where
     nothing stands out.
     """
     groups = groups.evenly()  # single samples beside corners are noisier than averages
-    found = [b for long in LENGTHS if (b := _of_length(groups, model, long)) is not None]
+    found = [b for look in LOOKS if (b := _of_length(groups, model, *look)) is not None]
     most = max((b.rms_nm for b in found), default=0.0)
     return next((b for b in found if b.rms_nm > NEARLY * most), None)
 
 
-def _of_length(groups: Groups, model: Model, long: int) -> Bursts | None:
+def _of_length(groups: Groups, model: Model, long: int, degree: int) -> Bursts | None:
     powers, places = list[tuple[float, float]](), list[tuple[str, float]]()
     for group in groups.groups:
-        made, seconds = _stretches(groups, group, model, long)
+        made, seconds = _stretches(groups, group, model, long, degree)
         powers += made
         places += [(group.condition, s) for s in seconds]
     if len(powers) < FEW:
@@ -111,20 +113,19 @@ def _own(group: Group, model: Model) -> FloatArray:
 
 
 def _stretches(
-    groups: Groups, group: Group, model: Model, long: int
+    groups: Groups, group: Group, model: Model, long: int, degree: int
 ) -> tuple[list[tuple[float, float]], list[float]]:
     """Variance of every stretch of a group, um^2, without its loudest samples and with them; when
     each begins.
     """
     left = groups.thinned(group, _own(group, model))
     time = groups.thinned(group, group.time_s)
-    level = np.stack([np.ones(long), np.linspace(-1.0, 1.0, long)])
-    level /= np.linalg.norm(level, axis=1, keepdims=True)
+    level, _ = np.linalg.qr(np.vander(np.linspace(-1.0, 1.0, long), degree + 1))
     found, seconds = list[tuple[float, float]](), list[float]()
     for a, b in groups.edges(group):
         for begin in range(a, b - long + 1, long):
             rows = left[:, begin : begin + long]
-            rows = rows - (rows @ level.T) @ level
+            rows = rows - (rows @ level) @ level.T
             square = np.sort(rows**2, axis=1)
             found.append((float(square[:, : -(long // SPIKED)].mean()), float(square.mean())))
             seconds.append(float(time[begin] - group.time_s[0]))

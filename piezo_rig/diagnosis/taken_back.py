@@ -49,7 +49,10 @@ def without_the_doubtful(ladder: Ladder, findings: Sequence[Finding]) -> Ladder 
         return None
     kind = CAUSES[last.cause]
     nothing = kind.neutral if issubclass(kind, Cause) else {}
-    known = {n: p.ci95 for n, p in last.parameters.items() if p.ci95 is not None}
+    shape = kind.optional if issubclass(kind, Cause) else {}  # says nothing of how much there is
+    known = {
+        n: p.ci95 for n, p in last.parameters.items() if p.ci95 is not None and n not in shape
+    }
     sure = [n for n, (a, b) in known.items() if not a <= nothing.get(n, 0.0) <= b]
     if not known or sure or last.gain_ci95 is None or last.gain_ci95[0] > 0.0:
         return None

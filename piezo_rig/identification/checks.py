@@ -25,6 +25,15 @@ ANSWERS = 0.25  # of what such a drive would move: it was played, and is no spik
 FALLS = -0.5  # correlation of drive and displacement below which the polarity must be wrong
 BACK = 0.25  # of a stretch without motion before a turning point that there is after it
 FLAT_SHARE = 0.04  # of the drive's range may pass while the sensor stands at its extreme
+PIECES = 100  # of a recording, that are compared
+STANDS = 0.01  # of the travel, by which what stands still may move
+WENT = 0.3  # of the drive's range, that passes while it does
+WITHIN = 0.1  # of the travel from the ends: what stands there has come to an end of the sensor
+APART = 2.5  # times as far per volt as others: no actuator does that, units and wires do
+SWINGS = 0.1  # of the largest drive range, below which a recording says little of that
+SHARE = 0.05  # of its own drive range, below which a piece of it does
+STEP_OF_SWITCH = 3.0, 5.0  # times, that are likely one position of a sensitivity switch
+OF_UNITS = 500.0, 2000.0  # times, that are likely nm for um
 
 
 def label(sweep: Sweep) -> str:
@@ -76,6 +85,7 @@ def check_signals(sweep: Sweep, clipped: bool = False) -> list[str]:
         if not clipped or error.code != "sensor-saturated":
             raise
         said.append(f"warning: {error.what}")
+    _check_standing(where, drive, displacement)
     _check_polarity(where, sweep, drive, displacement)
     return said
 
@@ -135,6 +145,35 @@ def _check_sensor(where: str, drive: FloatArray, displacement: FloatArray) -> No
                     "the sensor's output or the digitizer's input range is exceeded",
                     "set a larger sensitivity switch or input range and record again",
                 )
+
+
+def _check_standing(where: str, drive: FloatArray, displacement: FloatArray) -> None:
+    """Refuse a sensor that has stopped: it stands still, at no end of its, while the drive moves.
+
+    At an end of its output it would follow again as soon as the drive comes back.
+    """
+    long = drive.size // PIECES
+    if long < 2:
+        return
+    v, x = (y[: long * PIECES].reshape(PIECES, long).mean(axis=1) for y in (drive, displacement))
+    low, high = np.percentile(displacement, [1.0, 99.0])
+    travel, swing = float(high - low), float(np.ptp(drive))
+    begin = 0
+    for k in range(1, PIECES + 1):
+        if k < PIECES and abs(x[k] - x[begin]) <= STANDS * travel:
+            continue
+        passed, stands = v[begin:k] - v[begin], float(x[begin])
+        down = -float(passed.min()) > WENT * swing and stands > low + WITHIN * travel
+        up = float(passed.max()) > WENT * swing and stands < high - WITHIN * travel
+        if down or up:
+            raise InputError(
+                "sensor-stands-still",
+                f"{where}: the displacement stands still at {stands:.5g} um from sample "
+                f"{begin * long} to {k * long - 1} while the drive moves {np.ptp(passed):.3g} V",
+                "the beam was interrupted, the reflector came off, or the sensor's cable did",
+                "leave this recording out, or cut it off before that",
+            )
+        begin = k
 
 
 def _stays(drive: FloatArray, sigma: float) -> bool:
@@ -280,6 +319,46 @@ def check_agreement(sweeps: Sequence[Sweep]) -> None:
         a, b = first.sensitivity_um_per_v, sweep.sensitivity_um_per_v
         _agree("sensitivity", a, b, abs(a), first, sweep)
         _agree("polarity", float(first.polarity), float(sweep.polarity), 1.0, first, sweep)
+    _check_travels(sweeps)
+
+
+def _check_travels(sweeps: Sequence[Sweep]) -> None:
+    """Refuse recordings that move several times as far per volt as others."""
+    largest = max(float(np.ptp(s.drive_v)) for s in sweeps)
+    wide = [s for s in sweeps if float(np.ptp(s.drive_v)) > SWINGS * largest]
+    moves = [_um_per_v(s) for s in wide]
+    known = sorted((m, k) for k, m in enumerate(moves) if m > 0.0)
+    if len(known) < 2 or known[-1][0] < APART * known[0][0]:
+        return
+    (least, slow), (most, fast) = known[0], known[-1]
+    usual = known[len(known) // 2][0]
+    alike = sum(usual / APART**0.5 < m < usual * APART**0.5 for m, _ in known)
+    ratio, cause = most / least, "channels that are swapped in some of them, or another sensor"
+    if OF_UNITS[0] < ratio < OF_UNITS[1]:
+        cause = "one has nanometres where its column says micrometres"
+    elif STEP_OF_SWITCH[0] < ratio < STEP_OF_SWITCH[1]:
+        cause = "the sensitivity switch stood one position higher or lower in one of them"
+    raise InputError(
+        "travels-disagree",
+        f"{label(wide[fast])} moves {most:.3g} um per volt of drive, and {label(wide[slow])} "
+        f"{least:.3g}: {ratio:.3g} times less",
+        f"{cause}; {alike} of {len(known)} recordings move about {usual:.3g}",
+        "look at the columns and units of the files that differ, or leave them out",
+    )
+
+
+def _um_per_v(sweep: Sweep) -> float:
+    """How far a recording moves per volt, in most of its pieces."""
+    drive, displacement = sweep.drive_v, sweep.displacement_um
+    long = max(drive.size // PIECES, 4)
+    count = drive.size // long
+    v, x = (y[: long * count].reshape(count, long) for y in (drive, displacement))
+    v, x = v - v.mean(axis=1, keepdims=True), x - x.mean(axis=1, keepdims=True)
+    power, moved = np.sum(v**2, axis=1), np.ptp(v, axis=1)
+    moving = moved > min(SHARE * float(np.ptp(drive)), 0.5 * float(moved.max()))
+    if not moving.any():
+        return 0.0
+    return float(abs(np.median(np.sum(v * x, axis=1)[moving] / power[moving])))
 
 
 def _agree(name: str, a: float, b: float, size: float, first: Sweep, sweep: Sweep) -> None:
