@@ -66,10 +66,11 @@ def bursts(groups: Groups, model: Model) -> Bursts | None:
     that have none from the model.
 
     Stretches are compared by the logarithm of their power, trends (or polynomials) and the loudest
-    samples taken off: a spike is no burst. Its scatter is that of three quarters of the data at hand, whatever
-    the spectrum of their noise, the largest of three estimates: few stretches know it badly.
-    Of the lengths of stretches at which something stands out the first counts at which it is nearly
-    as much as at any: of a slow knock a short one holds hardly more than a trend. None where
+    samples taken off: a spike is no burst. Its scatter is that of three quarters of the data at
+    hand, whatever the spectrum of their noise, the largest of three estimates: few stretches know
+    it badly.
+    Of the lengths of stretches at which something stands out the first counts at which it is
+    nearly as much as at any: of a slow knock a short one holds hardly more than a trend. None where
     nothing stands out.
     """
     groups = groups.evenly()  # single samples beside corners are noisier than averages

@@ -222,6 +222,7 @@ def _answer(
         for c in (cause, *others)
     ):
         notes.append("a recorded drive monitor would say whether it is the amplifier")
+    own_nm = 1e3 * space.own_um
     return Diagnosis(
         len(turns.sweeps), sum(s.samples for s in turns.sweeps), raw.repeats, search.held_out,
         recording_offsets(space, clean, search.first, turns.sweeps), name, rungs, search.floor_nm,
@@ -230,6 +231,7 @@ def _answer(
         notes, warnings, refused,
         Workings((*(g for _, g in turns.cleaned), *(clean for _ in steps)), space, last),
         tried_in_vain=in_vain is not None,
+        at_home_nm=own_nm if further_off(own_nm, rungs[-1].rms_nm) else None,
     )  # fmt: skip
 
 

@@ -71,6 +71,7 @@ class Diagnosis:
     workings: Workings | None = None  # for a report
     assumed: list[str] = field(default_factory=list)  # of recordings, as they were read
     tried_in_vain: bool = False  # much, on what is left
+    at_home_nm: float | None = None  # error of a given model where it was identified, if less
 
     def rung_of(self, finding: int) -> int:
         """Which rung a finding is, by its place among them; 0 for none."""

@@ -67,11 +67,14 @@ def verdict(d: Diagnosis) -> Verdict:
     rest, unsure = d.unexplained, [f for f in d.findings if f.alternatives]
     if rest.detected:
         out.rest.append(_remains(d))
+    elif d.at_home_nm is not None:
+        out.rest.append(_changed(d, d.at_home_nm))
     elif not worse:
         out.rest.append("Nothing that remains stands out of the noise.")
-    out.rest += _to_do(d, weighty or light, unsure)
+    # a remedy may be to use the extended model
+    out.rest += _to_do(d, [] if worse else weighty or light, unsure)
     out.rest.append(_data(d))
-    out.open = rest.detected or bool(unsure) or worse
+    out.open = rest.detected or bool(unsure) or worse or d.at_home_nm is not None
     return out
 
 
@@ -196,6 +199,13 @@ def _remains(d: Diagnosis) -> str:
     if d.tried_in_vain:
         said += " Much was tried on it in vain: what is named may stand in for it."
     return said
+
+
+def _changed(d: Diagnosis, at_home_nm: float) -> str:
+    return (f"Nothing that remains has a shape of its own, but the given model is off by "
+            f"{nm(d.rungs[-1].rms_nm)} rms with all that was found, and was by {nm(at_home_nm)} "
+            "where it was identified: something has changed that these data do not name, or these "
+            "drives ask more of it.")  # fmt: skip
 
 
 def _to_do(d: Diagnosis, named: list[Finding], unsure: list[Finding]) -> list[str]:

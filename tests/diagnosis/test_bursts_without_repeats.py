@@ -6,6 +6,9 @@ import numpy as np
 import pytest
 
 from piezo_rig.diagnosis import diagnose
+from piezo_rig.diagnosis.bursts import bursts
+from piezo_rig.diagnosis.grouping import group_tracks
+from piezo_rig.identification import identify, prepare
 from tests.diagnosis.sliders import play, recorded
 
 RATE = 2000.0
@@ -62,3 +65,28 @@ def test_steady_noise_is_nothing(seed, colour):
     out = diagnose([recording(steady, seed, colour)])
     assert out.findings == []
     assert not out.unexplained.detected
+
+
+@pytest.mark.parametrize("knocked", [False, True])
+def test_knocks_are_seen_beside_what_a_model_lacks(knocked):
+    """Rings of 20 nm that die away within a quarter of a second, beside 4 nm that no model of
+    elements has.
+    """
+    rng, places = np.random.default_rng(3), (1.9, 4.2, 6.3)
+    ends = np.concatenate([[5.0], rng.uniform(10.0, 75.0, 60)])
+    at_s = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(ends)) / 250.0)])
+    time = np.arange(int(8.0 * RATE)) / RATE
+    drive = np.interp(time, at_s, ends)
+    seen = play(drive, np.linspace(0.5, 36.0, 72), 0.003)
+    seen += 4e-3 * np.sin(2.0 * np.pi * drive / 31.0) * np.sin(2.0 * np.pi * time / 3.1)
+    seen += 3e-3 * rng.standard_normal(time.size)
+    for place in places if knocked else ():
+        since = np.maximum(time - place, 0.0)
+        seen += 20e-3 * np.exp(-since / 0.2) * np.sin(2.0 * np.pi * 21.0 * since)
+    sweeps = [recorded(drive, seen, RATE)]
+    groups = group_tracks(prepare(sweeps, first_rises=True, clipped=True), sweeps)
+    found = bursts(groups, identify(sweeps, "classical").model)
+    assert (found is not None) == knocked
+    if found is not None:
+        assert found.rms_nm > 0.8
+        assert all(any(p - 0.2 < t < p + 0.4 for p in places) for _, t in found.at)

@@ -82,7 +82,7 @@ def test_a_last_rung_of_which_neither_size_nor_use_is_sure_is_not_named():
 @pytest.mark.parametrize(("cause", "gain", "intervals"), [
     ("cycle-aging", [2.0, 43.0], {"rate_per_decade": (-0.02, 0.05)}),  # it helps
     ("cycle-aging", [-4.0, 43.0], {"rate_per_decade": (0.01, 0.05)}),  # there is some of it
-    ("thermal-drift", [-4.0, 43.0], {"rate": (-9.0, 1.0), "settling": (0.1, 0.2)}),
+    ("thermal-drift", [-4.0, 43.0], {"rate": (-9.0, -1.0), "settling": (-0.1, 0.2)}),
     ("direction-asymmetry", [-4.0, 43.0], {"ratio": (1.01, 1.2)}),
     ("initiation-stage", [-4.0, 43.0], {}),  # a table, whose size no interval says
     ("cycle-aging", None, {"rate_per_decade": (-0.02, 0.05)}),  # nothing was held out
@@ -95,6 +95,16 @@ def test_a_last_rung_of_which_something_is_sure_stays(cause, gain, intervals):
 def test_an_asymmetry_of_one_is_none():
     last = finding("direction-asymmetry", [-4.0, 43.0], ratio=(0.99, 1.02))
     assert without_the_doubtful(ladder("direction-asymmetry"), [last]).steps == ()
+
+
+@pytest.mark.parametrize(("cause", "intervals"), [
+    ("direction-asymmetry", {"ratio": (0.99, 1.01), "reach": (0.04, 1.7)}),
+    ("thermal-drift", {"rate": (-9.0, 1.0), "settling": (0.1, 0.2)}),
+    ("rate-dependence", {"lag_um": (-1e-3, 2e-3), "window_s": (1e-3, 2e-3)}),
+])  # fmt: skip
+def test_the_shape_of_something_says_nothing_of_how_much_there_is_of_it(cause, intervals):
+    last = finding(cause, [-6.0, 7.0], **intervals)
+    assert without_the_doubtful(ladder("bend", cause), [last]) is not None
 
 
 def test_what_is_not_the_last_rung_stays():

@@ -9,7 +9,7 @@ import pytest
 from recordings import TOP, classical, sweep
 
 from piezo_rig.errors import InputError
-from piezo_rig.identification import identify
+from piezo_rig.identification import identify, prepare
 
 DRIVE, Y = classical([0.0, TOP, 0.0, TOP, 0.0])
 
@@ -20,6 +20,14 @@ def gap(values, at):
     return out
 
 
+def stopped(at, value=None):
+    """The sensor shows one value from a sample on, with its noise."""
+    out = np.array(Y)
+    out[at:] = out[at] if value is None else value
+    return out + 1e-4 * np.random.default_rng(0).standard_normal(out.size)
+
+
+HALF = int(np.argmax(DRIVE))  # where the drive turns for the first time
 CASES = {
     "constant-drive": (np.full(DRIVE.size, 3.0), Y),
     "drive-never-returns": (np.linspace(0, 10, 200), np.linspace(0, 1, 200)),
@@ -29,6 +37,8 @@ CASES = {
     "constant-displacement": (DRIVE, np.zeros(Y.size)),
     "displacement-falls": (DRIVE, -Y),
     "sensor-saturated": (DRIVE, np.minimum(Y, 0.7 * Y.max())),
+    "sensor-stands-still": (DRIVE, stopped(HALF + HALF // 3)),
+    "travels-disagree": (DRIVE, 1000.0 * Y),
 }
 
 
@@ -82,6 +92,38 @@ def test_a_friction_damper_that_slides_is_no_sensor_at_its_limit():
     noise = 1e-3 * np.random.default_rng(0).standard_normal(drive.size)
     assert identify([sweep(drive, np.array(y))], "classical").fitted.max_percent < 2.0
     assert identify([sweep(drive, np.array(y) + noise)], "classical").fitted.max_percent < 2.0
+
+
+@pytest.mark.parametrize("share", [0.5, 1.3, 1.6, 2.4])
+def test_a_sensor_that_stops_wherever_it_is_is_refused(share):
+    bad = sweep(DRIVE, stopped(int(share * HALF)))
+    with pytest.raises(InputError, match="stands still at") as e:
+        prepare([bad], clipped=True)
+    assert e.value.code == "sensor-stands-still"
+
+
+def test_a_sensor_that_comes_to_its_end_is_none_that_has_stopped():
+    cut = sweep(DRIVE, np.minimum(Y, 0.4 * Y.max()))
+    assert any("largest value" in said for said in prepare([cut], clipped=True).left_out)
+
+
+@pytest.mark.parametrize(("factor", "words"), [
+    (1e-3, "nanometres"), (4.0, "switch"), (12.0, "swapped"),
+])  # fmt: skip
+def test_recordings_that_move_unlike_each_other_are_named_both(factor, words):
+    odd = sweep(DRIVE, factor * Y, index=3)
+    with pytest.raises(InputError) as e:
+        identify([sweep(DRIVE, Y), sweep(DRIVE, Y, index=2), odd], "classical")
+    assert e.value.code == "travels-disagree"
+    assert "sweep_0003" in e.value.what
+    assert words in e.value.cause
+    assert "2 of 3" in e.value.cause
+
+
+@pytest.mark.parametrize("share", [0.15, 0.3, 0.5])
+def test_small_loops_beside_large_ones_are_none_that_disagree(share):
+    small, moved = classical([0.0, share * TOP, 0.0, share * TOP, 0.0])
+    identify([sweep(DRIVE, Y), sweep(small, moved, index=2)], "classical")
 
 
 def test_names_are_checked():

@@ -55,6 +55,21 @@ def test_a_model_that_predicts_worse_than_the_baseline_is_not_recommended():
     assert not any("Nothing that remains" in line for line in said.rest)
 
 
+def test_what_is_worse_is_no_remedy():
+    drift = with_gains(("thermal-drift", 40.0, [38.0, 42.0]))
+    assert any(line.startswith("To do") for line in verdict(drift).rest)
+    worse = with_gains(("thermal-drift", -50.0, [-60.0, -40.0]))
+    assert not any(line.startswith("To do") for line in verdict(worse).rest)
+
+
+def test_a_given_model_that_stays_further_off_than_at_home_leaves_the_verdict_open():
+    found = replace(with_gains(("creep", 40.0, [38.0, 42.0])), at_home_nm=2.5)
+    said = verdict(found)
+    assert said.open
+    assert any("was by 2.5" in line and "has changed" in line for line in said.rest)
+    assert not any("stands out of the noise" in line for line in said.rest)
+
+
 def test_no_cause_is_credited_with_what_the_base_model_took():
     found = diagnosis("quiet")
     rungs = [Rung("classical", 29.0, 1.0), Rung("bend", 4.5, 0.5), Rung("creep", 3.5, 0.5, 0)]
