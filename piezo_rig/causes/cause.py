@@ -102,6 +102,8 @@ class Cause(Stage):
     limits : parameter -> (lowest, highest) that is physically possible
     largest : the largest plausible size, in units of the examples' own size; an effect that
         would not show at that size cannot be looked for in the data at hand
+    beyond : log-likelihood by which it must be likelier than others to be taken before them: of so
+        many numbers, under some drives, that it does what another one does by one
     law : what (in the words of a diagnosis' dictionary) a wrong form of its assumed law would
         depend on -> by which share of the effect's size each such term may be off
     given : parameters that come with the form of an example and are not fitted
@@ -145,6 +147,7 @@ class Cause(Stage):
     priors: ClassVar[Mapping[str, tuple[float, float]]] = {}
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {}
     largest: ClassVar[float] = 30.0
+    beyond: ClassVar[float] = 0.0
     law: ClassVar[Mapping[str, float]] = {}
     given: ClassVar[tuple[str, ...]] = ()
     beside_one_curve: ClassVar[tuple[str, ...]] = ()
@@ -281,6 +284,13 @@ class Cause(Stage):
 
     def plausible(self, context: Context) -> bool:
         """Whether data of this kind tell these numbers from what looks the same."""
+        return True
+
+    @property
+    def plain(self) -> bool:
+        """Whether it is at its numbers unlike what other causes do: else they go before it, unless
+        it is far likelier.
+        """
         return True
 
     def between_samples(self, step_s: float) -> dict[str, float]:

@@ -31,11 +31,12 @@ LOWEST_HZ, HIGHEST_HZ = 110.0, 16_000.0  # below lies the hum; a bare stack ring
 MOUNTED_HZ = 2500.0  # up to which large ones are looked for in any case
 APART = 0.12  # neighbouring examples, relative
 DAMPING = 0.05
-MOST = 0.25  # damping: above it a mode hardly rings, and is a lag by another name
-FINER, DAMPINGS = 13, (0.01, 0.02, 0.05, 0.12)  # examples about the likeliest
+# damping: above the first a mode rings little, much like a lag; above the second it is one
+LITTLE_RINGING, MOST = 0.25, 0.5
+FINER, DAMPINGS = 13, (0.01, 0.02, 0.05, 0.12, 0.3)  # examples about the likeliest
 EXAMPLE = 0.01  # share
 AT_LARGE = 0.075  # apart, relative
-DAMPED, SHARED = (0.01, 0.03, 0.1), (0.3, 1.0)
+DAMPED, SHARED = (0.01, 0.03, 0.1, 0.3), (0.3, 1.0)
 LITTLE = 0.2  # of the displacement: what the base model does may be taken to pass such a mode
 NYQUIST = 0.5  # periods between samples
 COARSE = 1.0  # periods: between samples further apart a mode rings unseen
@@ -52,6 +53,7 @@ class Resonance(Cause):
     at_corners = True
     together = True
     largest: ClassVar[float] = 100.0
+    beyond: ClassVar[float] = 10.0  # under a smooth drive a mode is a delay, by three numbers
     near: ClassVar[float] = NEAR_IN_TIME
     meanings: ClassVar[Mapping[str, str]] = {
         "share": "of the motion that takes part in the mode",
@@ -71,6 +73,10 @@ class Resonance(Cause):
     def passes(self) -> bool:
         """Far below the mode, if it carries a small share."""
         return self["share"] < LITTLE
+
+    @property
+    def plain(self) -> bool:
+        return bool(self["damping"] <= LITTLE_RINGING)
 
     @property
     def along(self) -> bool:

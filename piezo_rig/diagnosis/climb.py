@@ -71,6 +71,7 @@ NEARER = 0.9
 MUCH_NEARER = 0.5  # the same for one that came to nothing
 # gain of a law let go of, of what any other cause would, while there is one; of what a table would
 PLAINLY, OF_A_TABLE = 2.0, 0.3
+FAR_LIKELIER = 0.7  # of its worth, that counts of a cause which is much like others
 OF_A_BEND = 0.8  # worth of a bend, of that of a law, from which on it is the bend
 NEARLY = 0.8  # worth of another law of the first spring, of that of one, from which it is doubted
 OF_ANOTHERS = 0.5  # log-likelihood of a rival beside the member that was taken, of that before
@@ -304,7 +305,10 @@ class Search:
 
         def likely(one: Tried) -> float:
             id = result.ids[one[1]]
-            return one[0] * (1.0 if of_base(id) or CAUSES[id].has_elements else OF_A_BEND)
+            stage = one[2].point.model.stage(id)
+            worth = one[0] - getattr(stage, "beyond", 0.0)
+            worth *= 1.0 if getattr(stage, "plain", True) else FAR_LIKELIER
+            return worth * (1.0 if of_base(id) or CAUSES[id].has_elements else OF_A_BEND)
 
         for worth, i, _ in refits:
             if worth <= 0.0 and of_base(result.ids[i]):  # slow to refit, and what is rarely needed
