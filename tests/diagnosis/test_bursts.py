@@ -75,7 +75,7 @@ def test_a_slow_knock_is_found_in_longer_stretches():
 ])  # fmt: skip
 def test_a_knock_counts_for_nearly_as_much_as_it_is(monkeypatch, rms_nm, told):
     every = {long: Bursts(1, 5.0, rms, (("decay", 7.0),)) for long, rms in rms_nm.items()}
-    monkeypatch.setattr(module, "_of_length", lambda groups, model, long: every.get(long))
+    monkeypatch.setattr(module, "_of_length", lambda groups, model, long, degree: every.get(long))
     groups = group_tracks(prepare(session(0, "white", steady)), session(0, "white", steady))
     assert bursts(groups, None) is every.get(told)
 
