@@ -128,12 +128,16 @@ def clean_up(
     count : causes that are tried in all, for the correction
     behind : squared error of other causes that may stand for losses, um^2: see `outright`
     enough : what another number of losses must leave at most: see `recounted`
-    lost : what drive monitors show to be lost
+    lost : what drive monitors show to be lost; another instrument's channel may have lost none
     """
     clean, found = raw, list[Early]()
     if lost:
         whole = mended(raw, [g.predicted(point.model) for g in raw.groups], lost)
-        point = refitted(whole, point)
+        there, members = refitted(whole, point), {b.group for b in lost}
+        if square_of(whole, there, members) < square_of(raw, point, members):
+            point = there
+        else:
+            lost = ()
     spikes = find_spikes(raw, point.model)
     if spikes.p_value * count < level:
         clean = spikes.groups

@@ -150,35 +150,43 @@ SPEEDS = (("0-30", 0.0, 30.0, 10.0), ("0-75", 0.0, 75.0, 4.0), ("0-60", 0.0, 60.
 CUT, MISSING = 700, 6
 
 
-@pytest.fixture(scope="module")
-def recorded():
-    """Every drive once; of the second both channels lost samples."""
+def recorded(sensor_too=True):
+    """Every drive once; of the second the digitizer lost samples."""
     rng = np.random.default_rng(8)
     out = []
     for s in recordings(conditions=SPEEDS, repeats=1):
         monitor = s.drive_v + 2e-3 * rng.standard_normal(s.samples)
         sensor = s.sensor_v
         if s.condition == "0-75":
-            monitor, sensor = (
-                np.concatenate([x[:CUT], x[CUT + MISSING :], np.full(MISSING, x[-1])])
-                for x in (monitor, sensor)
-            )
+            monitor = cut(monitor)
+            sensor = cut(sensor) if sensor_too else sensor
         out.append(s.with_(drive_monitor_v=monitor, sensor_v=sensor))
     return out
 
 
-def test_mended_monitors_follow_their_drives(recorded):
-    groups = group_tracks(prepare(recorded, first_rises=True, clipped=True), recorded)
-    (loss,) = losses_of_monitors(groups, recorded)
+def cut(volts):
+    return np.concatenate([volts[:CUT], volts[CUT + MISSING :], np.full(MISSING, volts[-1])])
+
+
+def test_mended_monitors_follow_their_drives():
+    sweeps = recorded()
+    groups = group_tracks(prepare(sweeps, first_rises=True, clipped=True), sweeps)
+    (loss,) = losses_of_monitors(groups, sweeps)
     assert (loss.index, loss.count, loss.sure) == (CUT, MISSING, True)
-    for s in with_monitors_mended(recorded, groups, [loss]):
+    for s in with_monitors_mended(sweeps, groups, [loss]):
         assert s.drive_monitor_v is not None
         assert np.abs(s.drive_monitor_v - s.drive_v).max() < 0.02
 
 
-def test_a_loss_that_the_monitor_shows_is_the_only_finding(recorded):
-    found = diagnose(recorded, "classical")
+def test_a_loss_that_the_monitor_shows_is_the_only_finding():
+    found = diagnose(recorded(), "classical")
     assert [f.cause for f in found.findings] == ["dropped-samples"]
     (event,) = found.findings[0].events
     assert event.size == MISSING
+    assert not found.unexplained.detected
+
+
+def test_a_loss_in_the_monitors_channel_alone_is_no_finding():
+    found = diagnose(recorded(sensor_too=False), "classical")
+    assert found.findings == []
     assert not found.unexplained.detected
