@@ -116,7 +116,9 @@ def _legend() -> str:
         '<details><summary>How to read this table</summary><p>Each number is a cosine: how much of '
         "what the row's cause does to the displacement could as well be done by the column's "
         "cause, after everything else in the model has been refitted. 0 is nothing, 1 is all of "
-        f"it. Two causes are told apart when d′ × √(1 − cosine²) is {APART:g} or more, where d′ is "
+        "it. Framed as well is what a found cause was given as an alternative: refitted in "
+        "whichever form, it said as much. "
+        f"Two causes are told apart when d′ × √(1 − cosine²) is {APART:g} or more, where d′ is "
         "how many standard deviations the row's cause stands out of the noise and of what no "
         "model is exact enough to say. A found cause counts at the size at which it was found, "
         "another one at the largest plausible size, in the form that these data show best. Causes "

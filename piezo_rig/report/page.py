@@ -66,11 +66,11 @@ def page(
     sections = [
         ("ladder", "The ladder: what each cause takes away from the error", _ladder(found)),
         ("findings", "What was found", findings_html(found, residuals)),
-        ("apart", "What can be told from what", _matrix(found)),
         ("rest", "What remains", rest_html(found, residuals)),
+        ("next", "What to play next", next_html(found, files, options)),
+        ("apart", "What can be told from what", _matrix(found)),
         ("closer", "Look closer: the residual of any condition",
          "" if residuals is None else closer_html(found, residuals)),
-        ("next", "What to play next", next_html(found, files, options)),
         ("notes", "Notes", notes_html(found)),
         ("provenance", "Where this comes from", provenance_html(found, hashes)),
     ]  # fmt: skip

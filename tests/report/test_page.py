@@ -197,6 +197,13 @@ def test_a_model_that_is_held_fixed_has_a_page_as_well():
     assert "What can be told from what" in read("fixed").text
 
 
+def test_what_to_do_stands_before_the_table_for_those_who_look_closer():
+    said = read("fixed").text
+    titles = ["What was found", "What remains", "What to play next", "What can be told from what"]
+    places = [said.rindex(title) for title in titles]
+    assert places == sorted(places)
+
+
 def test_what_cannot_be_told_apart_is_said_with_what_to_type_next():
     found = diagnosis("many")
     confused = [replace(f, alternatives=["thermal-drift"] if f.cause == "creep" else [])
