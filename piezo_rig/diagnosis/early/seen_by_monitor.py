@@ -9,7 +9,7 @@ millivolts what the displacement shows beside everything that a model of an actu
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,26 +46,36 @@ SAME = 1e-4  # of the largest, below which what such lags do is the same
 LEAST_CHANCE = 1e-300
 FOLLOWS = 0.02  # rms misfit, of the drive's, above which it is no monitor of this drive
 
-
 Loss = tuple[int, int]  # the record's first sample behind it, and how many are missing
+
+
+@dataclass(frozen=True)
+class Seen:
+    """One loss of a sweep: the record's first sample behind it, how many are missing, between
+    which samples it may be as well, and the chance that it is none.
+    """
+
+    index: int
+    count: int
+    low: int
+    high: int
+    chance: float
 
 
 def losses_of_monitors(groups: Groups, sweeps: Sequence[Sweep]) -> list[Break]:
     """Losses that monitors show, each at its sample; none where there is no monitor."""
     out: list[Break] = []
-    for g, group in enumerate(groups.groups):
-        for row, members in enumerate(group.sweeps):
-            for (begin, end), i in zip(sweep_bounds(group, row, sweeps), members, strict=False):
-                monitor = sweeps[i].drive_monitor_v
-                if monitor is None or end - begin < SHORTEST:
-                    continue
-                drive, seen = group.drive_v[begin:end], monitor[: end - begin]
-                if seen.size == drive.size and np.isfinite(seen).all():
-                    out += [
-                        Break(DROP, g, row, begin + at, count, begin + low, begin + high, end, p,
-                              sure=True)
-                        for at, count, low, high, p in _losses(drive, seen)
-                    ]  # fmt: skip
+    for g, row, begin, end, i in _recorded(groups, sweeps):
+        monitor = sweeps[i].drive_monitor_v
+        if monitor is None or end - begin < SHORTEST:
+            continue
+        drive, seen = groups.groups[g].drive_v[begin:end], monitor[: end - begin]
+        if seen.size == drive.size and np.isfinite(seen).all():
+            out += [
+                Break(DROP, g, row, begin + b.index, b.count, begin + b.low, begin + b.high, end,
+                      b.chance, sure=True)
+                for b in _losses(drive, seen)
+            ]  # fmt: skip
     return out
 
 
@@ -74,35 +84,41 @@ def with_monitors_mended(
 ) -> list[Sweep]:
     """Sweeps with monitors that are as if nothing had been lost."""
     out = list(sweeps)
-    for g, group in enumerate(groups.groups):
-        for row, members in enumerate(group.sweeps):
-            for (begin, end), i in zip(sweep_bounds(group, row, sweeps), members, strict=False):
-                mine = [
-                    replace(b, index=b.index - begin, low=b.low - begin, high=b.high - begin,
-                            end=b.end - begin)
-                    for b in losses if (b.group, b.row) == (g, row) and begin <= b.index < end
-                ]  # fmt: skip
-                monitor = sweeps[i].drive_monitor_v
-                if mine and monitor is not None:
-                    whole = monitor.copy()
-                    drive = group.drive_v[begin:end]
-                    whole[: end - begin] = moved(monitor[: end - begin], drive, mine)
-                    out[i] = replace(out[i], drive_monitor_v=whole)
+    for g, row, begin, end, i in _recorded(groups, sweeps):
+        mine = [
+            replace(b, index=b.index - begin, low=b.low - begin, high=b.high - begin,
+                    end=b.end - begin)
+            for b in losses if (b.group, b.row) == (g, row) and begin <= b.index < end
+        ]  # fmt: skip
+        monitor = sweeps[i].drive_monitor_v
+        if mine and monitor is not None:
+            whole = monitor.copy()
+            drive = groups.groups[g].drive_v[begin:end]
+            whole[: end - begin] = moved(monitor[: end - begin], drive, mine)
+            out[i] = replace(out[i], drive_monitor_v=whole)
     return out
 
 
-def _losses(drive: FloatArray, seen: FloatArray) -> list[tuple[int, int, int, int, float]]:
-    """(record's sample, count, lowest, highest sample, chance) of every loss."""
+def _recorded(
+    groups: Groups, sweeps: Sequence[Sweep]
+) -> Iterator[tuple[int, int, int, int, int]]:
+    """Group, recording, first and one past last sample there, and number of every sweep."""
+    for g, group in enumerate(groups.groups):
+        for row, members in enumerate(group.sweeps):
+            for (begin, end), i in zip(sweep_bounds(group, row, sweeps), members, strict=False):
+                yield g, row, begin, end, i
+
+
+def _losses(drive: FloatArray, seen: FloatArray) -> list[Seen]:
+    """Every loss of a sweep, from its drive (n,) and its monitor (n,), volts."""
     follows = _Follows(drive, seen)
     if not follows.lag_falls():
         return []
     found = [_plain(follows, heard, least) for heard, least in follows.learnt()]
-    return min((f for f in found if f), key=lambda f: follows.misfit(f), default=[])
+    return min((f for f in found if f), key=follows.misfit, default=[])
 
 
-def _plain(
-    follows: _Follows, heard: FloatArray, least: float
-) -> list[tuple[int, int, int, int, float]]:
+def _plain(follows: _Follows, heard: FloatArray, least: float) -> list[Seen]:
     """The losses without which more is left; none where much is left beside them.
 
     Parameters
@@ -128,7 +144,7 @@ def _plain(
     for k, (index, count) in enumerate(losses):
         low, high = follows.between(heard, least, losses, k)
         chance = max(LEAST_CHANCE, min(1.0, follows.size * float(np.exp(-min(gains[k], 690.0)))))
-        out.append((index, count, low, high, chance))
+        out.append(Seen(index, count, low, high, chance))
     return out
 
 
@@ -168,9 +184,9 @@ class _Follows:
         left[:BEGIN] = 0.0
         return np.asarray(left)
 
-    def misfit(self, losses: Sequence[tuple[int, int, int, int, float]]) -> float:
+    def misfit(self, losses: Sequence[Seen]) -> float:
         """Mean square of what is left, volts."""
-        return float(np.mean(self.left([(index, count) for index, count, *_ in losses]) ** 2))
+        return float(np.mean(self.left([(b.index, b.count) for b in losses]) ** 2))
 
     def falls_by(self, left: FloatArray, losses: Sequence[Loss], index: int) -> float:
         """By how many samples what is left comes earlier behind a place than before it."""

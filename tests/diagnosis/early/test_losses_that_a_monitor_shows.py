@@ -75,11 +75,11 @@ def heard(made, lost=(), late=4, noise=3e-3, seed=1):
 @pytest.mark.parametrize("at", [700, 3111, 5300])
 def test_a_loss_is_counted_and_placed_between_samples_of_which_it_is_one(drive, count, at):
     made = DRIVES[drive]()
-    ((index, found, low, high, chance),) = _losses(played(made), heard(made, [(at, count)]))
-    assert found == count
-    assert low <= at <= high
-    assert abs(index - at) <= 2
-    assert chance < 1e-12
+    (found,) = _losses(played(made), heard(made, [(at, count)]))
+    assert found.count == count
+    assert found.low <= at <= found.high
+    assert abs(found.index - at) <= 2
+    assert found.chance < 1e-12
 
 
 @settings(max_examples=25, deadline=None)
@@ -93,9 +93,9 @@ def test_all_losses_of_a_recording_are_found_and_none_besides(drive, places, cou
     lost = [(100 * p, c) for p, c in zip(sorted(places), counts, strict=False)]
     made = DRIVES[drive]()
     found = _losses(played(made), heard(made, lost, seed=seed))
-    assert [f[1] for f in found] == [c for _, c in lost]
-    for (at, _), (index, _, low, high, _) in zip(lost, found, strict=True):
-        assert low - 1 <= at <= high + 1 or abs(index - at) <= 2
+    assert [f.count for f in found] == [c for _, c in lost]
+    for (at, _), f in zip(lost, found, strict=True):
+        assert f.low - 1 <= at <= f.high + 1 or abs(f.index - at) <= 2
 
 
 def lagging(drive, samples):
@@ -142,8 +142,8 @@ def test_no_samples_are_lost_where_only_the_amplifier_or_a_clock_is_amiss(drive,
 def test_a_loss_is_seen_beside_what_the_amplifier_does(drive, amplifier):
     made = DRIVES[drive]()
     found = _losses(played(made), heard(AMPLIFIERS[amplifier](made), [(2500, 5)]))
-    assert [f[1] for f in found] == [5]
-    assert abs(found[0][0] - 2500) < 60
+    assert [f.count for f in found] == [5]
+    assert abs(found[0].index - 2500) < 60
 
 
 SPEEDS = (("0-30", 0.0, 30.0, 10.0), ("0-75", 0.0, 75.0, 4.0), ("0-60", 0.0, 60.0, 10.0))
