@@ -13,8 +13,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import lfilter
 
+from piezo_rig.chain.relaxation import off_each
 from piezo_rig.diagnosis.early.mended import DROP, Break, moved
 from piezo_rig.diagnosis.early.traces import sweep_bounds
 from piezo_rig.diagnosis.groups import Groups
@@ -161,10 +161,9 @@ class _Follows:
     def __init__(self, drive: FloatArray, seen: FloatArray) -> None:
         self.seen, self.size = seen, drive.size
         self.slope = np.gradient(drive)
-        moved = drive - drive[0]
-        behind = [
-            moved - lfilter([1.0 - d], [1.0, -d], moved) for d in np.exp(-1.0 / np.array(LAGS))
-        ]
+        samples, begins = np.arange(drive.size, dtype=float), np.zeros(1, dtype=np.int64)
+        played = np.ascontiguousarray(drive)
+        behind = [off_each(begins, samples, played, lag) for lag in LAGS]
         self.rows = np.column_stack([np.ones(drive.size), drive, self.slope, *behind])
         self.wide = max(LEAST, drive.size // WINDOWS)
 
