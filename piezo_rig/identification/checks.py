@@ -148,7 +148,7 @@ def _check_sensor(where: str, drive: FloatArray, displacement: FloatArray) -> No
 
 
 def _check_standing(where: str, drive: FloatArray, displacement: FloatArray) -> None:
-    """Refuse a sensor that has stopped: it stands still, at no end of its, while the drive moves.
+    """Refuse a sensor that has stopped: it stands still within its range while the drive moves.
 
     At an end of its output it would follow again as soon as the drive comes back.
     """
@@ -341,7 +341,7 @@ def _check_travels(sweeps: Sequence[Sweep]) -> None:
     raise InputError(
         "travels-disagree",
         f"{label(wide[fast])} moves {most:.3g} um per volt of drive, and {label(wide[slow])} "
-        f"{least:.3g}: {ratio:.3g} times less",
+        f"{least:.3g}: {float(f'{ratio:.3g}'):,g} times less",
         f"{cause}; {alike} of {len(known)} recordings move about {usual:.3g}",
         "look at the columns and units of the files that differ, or leave them out",
     )
