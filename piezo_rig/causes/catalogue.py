@@ -28,7 +28,7 @@ NAMED_MODELS: dict[str, tuple[str, ...]] = {
 def _find() -> dict[str, type[Stage]]:
     found: dict[str, type[Stage]] = {}
     for module in sorted(m.name for m in pkgutil.iter_modules(_package.__path__)):
-        if module in ("catalogue", "cause"):
+        if module in ("catalogue", "cause", "first_spring"):
             continue
         for thing in vars(importlib.import_module(f"{_package.__name__}.{module}")).values():
             if not (isinstance(thing, type) and issubclass(thing, Stage)):

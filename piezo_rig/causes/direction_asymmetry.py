@@ -38,7 +38,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from piezo_rig.causes.cause import GIVEN, REACHING, SCANNED, TAPERS, Cause, Context, forms, reaching
+from piezo_rig.causes.cause import TAPERS, Cause, Context
+from piezo_rig.causes.first_spring import GIVEN, REACHING, SCANNED, forms, reaching
 from piezo_rig.chain.branches import Branches, FloatArray
 from piezo_rig.chain.half_loops import HalfLoops
 from piezo_rig.chain.increments import Increment, Operation

@@ -11,7 +11,9 @@ the range, so rate dependence looks much the same.
 
 A spring that becomes another one at a turning point may keep its force there, as springs and
 sliders do (``carries`` 1): it is turned round from what the half loop before has left in it. By the
-branches of the thesis it begins anew (0).
+branches of the thesis it begins anew (0). For small changes it reaches as far as before; as it is,
+with the whole stiffness k_1 in the law and a ``spring`` in whose place it stands, it gives way
+after (k_before + k_now) dx / k_now, or at a force that stays.
 
 What a half loop gains by it may stay (``closing`` 0), or be given back until twice the ``reach``
 (1), so that it ends where it would have.
@@ -30,7 +32,8 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import ClassVar
 
-from piezo_rig.causes.cause import GIVEN, REACHING, Context, FirstSpring
+from piezo_rig.causes.cause import Context
+from piezo_rig.causes.first_spring import GIVEN, HOLDING, REACHING, FirstSpring
 from piezo_rig.chain.branches import Branches, FloatArray
 from piezo_rig.chain.half_loops import HalfLoops
 
@@ -50,8 +53,8 @@ class RangeDependence(FirstSpring):
         "ties": "1: a loop that is closed exactly goes on beyond; 0: it is forgotten",
     }
     like_speed = True
-    optional: ClassVar[Mapping[str, str]] = {**REACHING, "ties": "1", "carries": "1"}
-    given: ClassVar[tuple[str, ...]] = (*GIVEN, "ties", "carries")
+    optional: ClassVar[Mapping[str, str]] = {**REACHING, "ties": "1", **HOLDING}
+    given: ClassVar[tuple[str, ...]] = (*GIVEN, "ties", *HOLDING)
 
     def shape(self, branches: Branches) -> Branches:
         keeps = self.parameters["ties"].value > 0 if "ties" in self.parameters else False

@@ -236,9 +236,10 @@ class Model:
                 driven = memo.get(self, key, partial(stage.seen_by_sliders, signal, branches))
         loops = list[HalfLoops]()
         begins = signal.begins
-        if branches.has_laws and driven is given:
+        holding = [s for s in active if s.holds_force]
+        if (branches.has_laws or holding) and driven is given:
             loops = signal.of_drive.get("loops", partial(_loops_of, given, begins))
-        elif branches.has_laws:
+        elif branches.has_laws or holding:
             loops = memo.get(self, ("loops", *key), lambda: _loops_of(driven, begins))
         more = None
         for stage in active:
@@ -252,7 +253,8 @@ class Model:
             rise_um = memo.get(self, ("first rise", *key, id(self.maxwell),
                                       *(id(s) for s in self.stages if s.has_elements)), rise)
             more = rise_um if more is None else more + rise_um
-        key = (*key, *(id(s) for s in self.stages if type(s).shape is not Stage.shape), "kernel",
+        key = (*key, *(id(s) for s in self.stages
+                       if type(s).shape is not Stage.shape and s not in holding), "kernel",
                id(self.maxwell))  # fmt: skip
         at_rest = signal
         signal = memo.get(
@@ -261,6 +263,17 @@ class Model:
                 _moved(branches, given, driven, begins, loops, more)
             ),
         )  # fmt: skip
+        if holding:
+            key = (*key, "held", *(id(s) for s in holding))
+            bare = signal.displacement_um
+
+            def held_back() -> Signal:
+                less = sum(_held_v(s, loops, begins, driven, bare) for s in holding)
+                return at_rest.with_displacement(
+                    _moved(branches, given - less, driven - less, begins, loops, more)
+                )
+
+            signal = memo.get(self, key, held_back)
         for stage in active:
             if stage.place == "actuator" or (stage.place != "drive" and not free_end):
                 if type(stage).act is Stage.act:
@@ -273,6 +286,16 @@ class Model:
 def _loops_of(drive: FloatArray, begins: NDArray[np.int64]) -> list[HalfLoops]:
     """Half loops of every stretch."""
     return [half_loops(part) for part in np.split(drive, begins[1:])]
+
+
+def _held_v(
+    stage: Stage, loops: Sequence[HalfLoops], begins: NDArray[np.int64], drive: FloatArray,
+    displacement_um: FloatArray,
+) -> FloatArray:
+    from piezo_rig.chain.held_force import held_v
+
+    springs = stage.springs(HalfLoops.joined(loops, begins.tolist()), begins)
+    return held_v(springs, begins, drive, np.ascontiguousarray(displacement_um))
 
 
 def _wider_um(

@@ -11,15 +11,19 @@ from __future__ import annotations
 from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass, field
 from threading import Lock
-from typing import Any, ClassVar, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from piezo_rig.chain.branches import Branches
 from piezo_rig.chain.elements import Elements
+from piezo_rig.chain.half_loops import HalfLoops
 from piezo_rig.chain.increments import Increment
 from piezo_rig.errors import InputError
+
+if TYPE_CHECKING:
+    from piezo_rig.chain.held_force import Springs
 
 FloatArray = NDArray[np.float64]
 Made = TypeVar("Made")
@@ -206,6 +210,19 @@ class Stage:
     def wider_by(self, signal: Signal) -> Wider | None:
         """By how much the thresholds of all sliders are wider; None where they stay."""
         return None
+
+    @property
+    def holds_force(self) -> bool:
+        """Whether `springs` is its law, and nothing else shapes the branches."""
+        return False
+
+    def springs(self, loops: HalfLoops, begins: NDArray[np.int64]) -> Springs:
+        """The first spring of every half loop, where it keeps its force.
+
+        ``begins`` : shape (k,), samples at which stretches begin; the first half loop of each has
+        none before it
+        """
+        raise TypeError("only asked of a stage that holds a force")
 
     def preface(self, before: Sequence[FloatArray]) -> FloatArray:
         """Volts (k,) that leave a virgin actuator with what it remembers of drives before this one.

@@ -63,7 +63,7 @@ class Tables(NamedTuple):
 
 def increment_of(stage: Stage, branches: Branches) -> Increment | str | None:
     """What a stage does from sample to sample; None where it only shapes branches or remembers."""
-    acts = type(stage).act is not Stage.act
+    acts = type(stage).act is not Stage.act or stage.holds_force
     if acts or type(stage).seen_by_sliders is not Stage.seen_by_sliders:
         return stage.increment(branches)
     return None

@@ -11,7 +11,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from piezo_rig.causes.cause import Cause, FirstSpring
+from piezo_rig.causes.cause import Cause
+from piezo_rig.causes.first_spring import FirstSpring
 from piezo_rig.chain import Model, Parameter
 from piezo_rig.diagnosis.as_recorded import as_recorded
 from piezo_rig.diagnosis.chances import AS_HELD

@@ -23,6 +23,7 @@ from piezo_rig.diagnosis.fit import Point
 from piezo_rig.diagnosis.foretold import foretold, in_a_better_form
 from piezo_rig.diagnosis.forms import converged, in_another_form, reached, summit
 from piezo_rig.diagnosis.grown import FAR_BEHIND, Tried
+from piezo_rig.diagnosis.held_springs import with_force_kept
 from piezo_rig.diagnosis.in_doubt import explained
 from piezo_rig.diagnosis.ladder import Ladder, Step
 from piezo_rig.diagnosis.late import both, note_the_other, rather_the_other
@@ -442,6 +443,7 @@ class Search:
         self.tell(f"refit with {id} anew, wherever it reaches")
         less = refit(self.space, self.fitted.point.without(id), held=True)
         there = reached(self.space, self.fitted, id, less)
+        there = with_force_kept(self.space, there, id, less)
         if there.evidence > self.fitted.evidence + NEEDED and (
             self.error(0, there) <= self.error(0, self.fitted)
         ):

@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from piezo_rig.causes.cause import FirstSpring
+from piezo_rig.causes.first_spring import FirstSpring
 from piezo_rig.chain import Elements, Model, Parameter
 from piezo_rig.chain.branches import Reaching
 from piezo_rig.diagnosis.compliances import smooth_weight
@@ -66,7 +66,7 @@ def with_offset(fitted: Fitted, model: Model, stage: FirstSpring) -> Model:
     """
     table = model.maxwell.elements
     assert table is not None
-    if model.one_curve:
+    if model.one_curve or stage.holds_force:
         return model
     law = type(stage)(stage.parameters | {"offset": offset_of(fitted, stage)})
     moved = type(model.maxwell).of(without_offset(table, stage, law["offset"] - stage["offset"]))
@@ -98,6 +98,8 @@ def offset_of(fitted: Fitted, stage: FirstSpring) -> Parameter:
     """
     table = fitted.point.model.maxwell.elements
     assert table is not None
+    if stage.holds_force:
+        return _own(fitted, stage)
     reach, unit = reach_of(stage, table), stage.units["offset"]
     value = stage["offset"] + spring_of(table, reach)
     n, q = fitted.point.linear, len(fitted.point.sizes)
@@ -125,4 +127,14 @@ def offset_of(fitted: Fitted, stage: FirstSpring) -> Parameter:
             follows[j] += 1.0
     variance = noise * float(gradient @ solved) + float(follows @ fitted.covariance @ follows)
     half = float(np.hypot(1.96 * np.sqrt(max(variance, 0.0)), _depends(table, reach)))
+    return Parameter(value, unit, (value - half, value + half))
+
+
+def _own(fitted: Fitted, stage: FirstSpring) -> Parameter:
+    """The offset of a spring that the table does not hold."""
+    value, unit = stage["offset"], stage.units["offset"]
+    if (stage.id, "offset") not in fitted.point.names or not fitted.covariance.size:
+        return Parameter(value, unit)
+    at = fitted.point.names.index((stage.id, "offset"))
+    half = 1.96 * float(np.sqrt(max(fitted.covariance[at, at], 0.0)))
     return Parameter(value, unit, (value - half, value + half))

@@ -5,8 +5,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from piezo_rig.causes import CAUSES
-from piezo_rig.causes.cause import FirstSpring
+from piezo_rig.causes.first_spring import FirstSpring
 from piezo_rig.diagnosis.forms import CARRIES, carries, reached
+from piezo_rig.diagnosis.held_springs import with_force_kept
 from piezo_rig.diagnosis.needed import worth_needed
 from piezo_rig.diagnosis.put_in import LARGE
 from piezo_rig.diagnosis.refit import Fitted, gained
@@ -35,6 +36,7 @@ def grown(
     steep = most < LARGE and issubclass(CAUSES[id], FirstSpring)
     if steep or gained(fitted, here) >= FAR_BEHIND * most:
         fitted = reached(search.space, fitted, id, here)
+        fitted = with_force_kept(search.space, fitted, id, here)
     chance = 2.0 * found.result.null_median[i] + worth_needed(fitted, id)
     chance += CARRIES * carries(fitted, id)
     worth = float(gained(fitted, here) - chance)

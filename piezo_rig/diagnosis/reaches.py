@@ -19,7 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 
-from piezo_rig.causes.cause import Cause, FirstSpring
+from piezo_rig.causes.cause import Cause
+from piezo_rig.causes.first_spring import FirstSpring
 from piezo_rig.chain import Stage
 from piezo_rig.diagnosis.abreast import abreast
 from piezo_rig.diagnosis.chances import normal_below
@@ -120,7 +121,7 @@ def over_reaches(
         )
         for t in stage.tapers if t != stage["taper"]
     ]  # fmt: skip
-    other, most = max(forms, key=lambda f: worth_of(f, id)), worth_of(here, id)
+    other, most = max(forms, key=lambda f: worth_of(f, id), default=here), worth_of(here, id)
     if taper_of(other, id) != stage["taper"] and worth_of(other, id) > most - FAR:
         tried += _all_about(space, other, id, most, least)
     tried = [fitted, *(f for f in tried[1:] if _inside(f, id))]

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from piezo_rig.causes import CAUSES
-from piezo_rig.causes.cause import Cause, FirstSpring
+from piezo_rig.causes.cause import Cause
+from piezo_rig.causes.first_spring import FirstSpring
 from piezo_rig.chain import Model, Stage
 from piezo_rig.diagnosis import dictionary
 from piezo_rig.diagnosis.context import context_of

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from piezo_rig.causes import CAUSES
-from piezo_rig.causes.cause import FirstSpring
+from piezo_rig.causes.first_spring import FirstSpring
 from piezo_rig.diagnosis.abreast import abreast
 from piezo_rig.diagnosis.first_spring import without_offset
 from piezo_rig.diagnosis.fit import Point

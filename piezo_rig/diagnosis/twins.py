@@ -17,7 +17,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from piezo_rig.causes import CAUSES
-from piezo_rig.causes.cause import Cause, FirstSpring
+from piezo_rig.causes.cause import Cause
+from piezo_rig.causes.first_spring import FirstSpring
 from piezo_rig.diagnosis.context import at_one_frequency, at_one_range
 from piezo_rig.diagnosis.fit import Point
 from piezo_rig.diagnosis.forms import carries

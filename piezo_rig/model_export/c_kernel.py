@@ -12,9 +12,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from piezo_rig.causes.cause import FirstSpring
 from piezo_rig.causes.direction_asymmetry import DirectionAsymmetry
 from piezo_rig.causes.extremum_dependence import ExtremumDependence
+from piezo_rig.causes.first_spring import FirstSpring
 from piezo_rig.causes.range_dependence import RangeDependence
 from piezo_rig.chain.branches import Branches
 from piezo_rig.chain.stage import Stage

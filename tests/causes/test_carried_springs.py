@@ -72,6 +72,21 @@ def test_half_loops_go_as_far_as_those_of_sliders_with_forces(cause, law):
     assert without.max() > 0.1 * np.abs(plain - true).max()
 
 
+@pytest.mark.parametrize(("cause", "law"), [
+    ("range-dependence", lambda range_v, _: PER_VOLT * range_v),
+    ("extremum-dependence", lambda _, extremum_v: PER_VOLT * extremum_v),
+])
+def test_with_a_spring_of_its_own_all_half_loops_go_as_far_as_they_do(cause, law):
+    """However much the law changes it: here by up to a fifth."""
+    stage = CAUSES[cause].of(
+        None, slope=PER_VOLT, reach=2.0 * X[0], offset=K[0], carries=1.0, spring=K[0],
+        at_force=0.0, from_rest=0.0,
+    )  # fmt: skip
+    true, plain = np.diff(slid(TURNS, law)), np.diff(played(TURNS))
+    off = np.abs(np.diff(played(TURNS, stage)) - true)
+    assert off.max() < 0.01 * np.abs(plain - true).max()
+
+
 def test_over_loops_that_begin_at_one_voltage_one_of_the_extremum_is_one_of_the_range():
     """Mean of top and bottom, which is half the range: the same model, at half the slope."""
     turns = (0.0, 24.0, 0.0, 24.0, 0.0, 12.0, 0.0, 12.0, 0.0)
