@@ -51,6 +51,7 @@ class Context:
     holds : whether the drive stops and stands still again and again
     corners : whether it mostly turns from one sample to the next
     repeated : whether repeats show the noise
+    pauses : whether recordings carry on from others after a pause
     """
 
     model: Model
@@ -71,6 +72,7 @@ class Context:
     holds: bool = False
     corners: bool = False
     repeated: bool = False
+    pauses: bool = False
 
     @property
     def fastest_v_per_s(self) -> float:

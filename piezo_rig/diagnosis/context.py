@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from piezo_rig.causes.cause import Context
+from piezo_rig.causes.clock_ratio import pauses
 from piezo_rig.chain import Model
 from piezo_rig.diagnosis.groups import Groups
 from piezo_rig.diagnosis.space import Space
@@ -44,6 +45,7 @@ def context_of(space: Space, model: Model) -> Context:
         _holds(space.groups),
         _corners(space.groups),
         space.groups.repeats > 1,
+        any(pauses(g.time_s).size for g in space.groups.groups),
     )  # fmt: skip
 
 

@@ -28,7 +28,7 @@ from piezo_rig.errors import InputError
 
 FloatArray = NDArray[np.float64]
 STIFFER = (1.0, 2.0, 6.0, 30.0)  # springs, by the largest change that the law makes of them
-FURTHER = 1.2 ** np.arange(-4, 5)  # reaches, by that of the law which begins anew
+FURTHER = 1.25 ** np.arange(-3, 7)  # reaches, by that of the law which begins anew
 NO_LESS = 30.0  # log-likelihood by which a linear look may say less of a form that is fitted
 STEPS = 4
 
@@ -64,13 +64,14 @@ def _all(space: Space, stage: FirstSpring) -> list[Stage]:
     """Of every form some, with springs and reaches about what the law at hand asks for."""
     history = _history(space, stage)
     mean = float(history.mean())
-    change = abs(stage["slope"]) * float(np.abs(history - mean).max())
+    most = float(np.abs(history - mean).max())
     rises = (0.0, 1.0) if space.groups.has_first_rise else (0.0,)
     out = []
     for at_force, from_rest, stiffer, further in product((0.0, 1.0), rises, STIFFER, FURTHER):
-        spring = stiffer * change
+        slope = stage["slope"] / float(further)  # it holds back as much, over another reach
+        spring = stiffer * abs(slope) * most
         out.append(stage.with_values(
-            offset=spring - stage["slope"] * mean, reach=float(further * stage["reach"]),
+            slope=slope, offset=spring - slope * mean, reach=float(further * stage["reach"]),
             closing=0.0, taper=0.0, carries=1.0, spring=spring, at_force=at_force,
             from_rest=from_rest,
         ))  # fmt: skip

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -69,6 +71,28 @@ def test_a_clipped_sensor_ends_above_or_below_its_zero():
 def test_a_fast_digitizer_sees_everything_later_and_later():
     seen = acted("clock-ratio", displacement=5.0 * TIME, ppm=1000.0).displacement_um
     assert seen == pytest.approx(5.0 * TIME / 1.001, abs=1e-12)
+
+
+@pytest.mark.parametrize("anew", [0.0, 1.0])
+def test_a_digitizer_that_is_triggered_anew_begins_in_time_again(anew):
+    """Two recordings that carry on from each other, four seconds apart."""
+    time = np.concatenate([TIME, TIME + 5.0])
+    stage = CAUSES["clock-ratio"].of(None, ppm=1000.0, anew=anew)
+    seen = stage.act(Signal(time, 0.0 * time, 5.0 * time)).displacement_um
+    late = 5.0 * time - seen
+    assert late[: TIME.size] == pytest.approx(5.0 * TIME * (1.0 - 1.0 / 1.001), abs=1e-9)
+    since = TIME if anew else TIME + 5.0
+    assert late[TIME.size + 5 :] == pytest.approx(
+        (5.0 * since * (1.0 - 1.0 / 1.001))[5:], abs=1e-9
+    )
+
+
+def test_a_clock_is_looked_for_both_ways_where_recordings_carry_on_after_a_pause():
+    data = Context(Model((MAXWELL,)), 8.0, 60.0, np.array([120.0]), 1e-3, 1.0, 1000.0)
+    kind = CAUSES["clock-ratio"]
+    assert all("anew" not in form.parameters for (form,) in kind.variants(data))
+    forms = kind.variants(replace(data, pauses=True))
+    assert {form["anew"] for (form,) in forms} == {0.0, 1.0}
 
 
 @pytest.mark.parametrize("id", ["drive-clipping", "slew-limit", "sensor-clipping", "clock-ratio"])

@@ -24,6 +24,7 @@ from piezo_rig.diagnosis.held_out import _inside
 from piezo_rig.diagnosis.refit import refit
 from piezo_rig.identification import prepare
 from piezo_rig.run_file import Sweep
+from tests.more import first_of
 
 RATE = 1000.0
 ENDS = ((10.0, 75.0), (10.0, 55.0), (10.0, 35.0), (40.0, 75.0))
@@ -164,3 +165,21 @@ def test_what_holds_of_many_recordings_is_said_once():
     (note,) = (n for n in said if "history unknown" in n)
     assert "and 7 more" in note
     assert "17 %" in note  # half a loop of three
+
+
+@pytest.mark.parametrize("anew", first_of(1, [True, False]))
+def test_clocks_may_begin_again_with_every_recording_that_carries_on(anew):
+    """A digitizer that is triggered by each waveform, or one clock for the whole sitting."""
+    ppm = 300.0
+
+    def sensor(x, clock):
+        seen = (clock if not anew else clock - clock[0]) / (1.0 + 1e-6 * ppm)
+        return np.interp(seen + (clock[0] if anew else 0.0), clock, x)
+
+    sweeps = sitting([triangles(*e) for e in (*ENDS, (20.0, 60.0))], sensor=sensor)
+    sweeps = [s if k == 0 else s.with_(history="carried") for k, s in enumerate(sweeps)]
+    found = diagnose(sweeps)
+    assert [f.cause for f in found.findings] == ["clock-ratio"]
+    said = found.findings[0].parameters
+    assert said["anew"].value == anew
+    assert said["ppm"].ci95[0] < ppm < said["ppm"].ci95[1]

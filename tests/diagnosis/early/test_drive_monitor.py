@@ -313,3 +313,18 @@ def test_a_monitor_that_is_read_by_another_clock_shows_no_lag_of_its_own_and_no_
         assert low - 0.1 * TAU < TAU < high + 0.1 * TAU
     said = next(n for n in found.notes if "clocks of their own" in n)
     assert float(said.split(" by ")[1].split(" ppm")[0]) == pytest.approx(ppm, rel=0.03)
+
+
+def test_a_limit_next_to_the_fastest_is_no_clipping_beside_clocks_that_hardly_differ(plain):
+    """Its peaks are lower by 20 mV; by the end a tenth of a sample is between the clocks."""
+    fastest, ppm = 2.0 * 60.0 * 10.0, 35.0
+    limit = 0.9995 * fastest
+
+    def amplifier(drive):
+        t = np.arange(drive.size) / RATE
+        return np.interp(t / (1.0 + 1e-6 * ppm), t, limited(drive, limit=limit))
+
+    found = read(watched(plain, amplifier, noise=nothing, step_v=1e-4))
+    assert [t.stage.id for t in found.told] == ["slew-limit"]
+    assert fastest - found.told[0].stage["limit"] == pytest.approx(fastest - limit, rel=0.1)
+    assert any("clocks of their own" in n for n in found.notes)
