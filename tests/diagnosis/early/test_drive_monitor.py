@@ -315,9 +315,13 @@ def test_a_monitor_that_is_read_by_another_clock_shows_no_lag_of_its_own_and_no_
     assert float(said.split(" by ")[1].split(" ppm")[0]) == pytest.approx(ppm, rel=0.03)
 
 
-def test_a_limit_next_to_the_fastest_is_no_clipping_beside_clocks_that_hardly_differ(plain):
-    """Its peaks are lower by 20 mV; by the end a tenth of a sample is between the clocks."""
-    fastest, ppm = 2.0 * 60.0 * 10.0, 35.0
+def test_a_limit_next_to_the_fastest_is_no_clipping_beside_clocks_that_hardly_differ():
+    """Its peaks are lower by 20 mV; by the end a tenth of a sample is between the clocks.
+
+    Where the highest drive is the fastest, an upper limit would lower none but those as well.
+    """
+    plain = recordings(conditions=tuple((f"0-{v:g}", 0.0, v, 4.0) for v in (30.0, 50.0, 75.0)))
+    fastest, ppm = 2.0 * 75.0 * 4.0, 35.0
     limit = 0.9995 * fastest
 
     def amplifier(drive):
