@@ -42,6 +42,7 @@ class ThermalDrift(Cause):
         "settling": "how quickly it dies away; 0: it does not",
     }
     units: ClassVar[Mapping[str, str]] = {"rate": "nm/s"}
+    largest: ClassVar[float] = 300.0  # a short recording shows none but a fast one
     optional: ClassVar[Mapping[str, str]] = {"settling": "1/s"}
     scanned: ClassVar[tuple[str, float]] = ("settling", 1.5)
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {"settling": (1e-7, 1e3)}
