@@ -14,12 +14,15 @@ from numpy.typing import NDArray
 from piezo_rig.causes.first_spring import FirstSpring
 from piezo_rig.chain import Elements, Model, Parameter
 from piezo_rig.chain.branches import Reaching
+from piezo_rig.chain.half_loops import half_loops
 from piezo_rig.diagnosis.compliances import smooth_weight
 from piezo_rig.diagnosis.fit import smoothness
 from piezo_rig.diagnosis.refit import Fitted
+from piezo_rig.diagnosis.space import Space
 
 FloatArray = NDArray[np.float64]
 HALFWAY = 0.5
+OPEN = 0.3  # of a spring that keeps its force, which the table may hold as well
 STEP = 1e-3  # relative, of finite differences
 
 
@@ -131,10 +134,27 @@ def offset_of(fitted: Fitted, stage: FirstSpring) -> Parameter:
 
 
 def _own(fitted: Fitted, stage: FirstSpring) -> Parameter:
-    """The offset of a spring that the table does not hold."""
+    """The offset of a spring that the table does not hold.
+
+    Which spring's place it takes is chosen, not measured, and the offset goes with it: it is as
+    open as that spring is off the mean of those that the law makes, and the table may hold a part.
+    """
     value, unit = stage["offset"], stage.units["offset"]
     if (stage.id, "offset") not in fitted.point.names or not fitted.covariance.size:
         return Parameter(value, unit)
     at = fitted.point.names.index((stage.id, "offset"))
-    half = 1.96 * float(np.sqrt(max(fitted.covariance[at, at], 0.0)))
+    mean = stage["slope"] * mean_history_v(fitted.space, stage) + value
+    spread = 1.96 * float(np.sqrt(max(fitted.covariance[at, at], 0.0)))
+    half = float(np.sqrt(spread**2 + (mean - stage["spring"]) ** 2 + (OPEN * mean) ** 2))
     return Parameter(value, unit, (value - half, value + half))
+
+
+def mean_history_v(space: Space, stage: FirstSpring) -> float:
+    """Mean of what a law follows, of all half loops but the first of every drive."""
+    return float(history_v(space, stage).mean())
+
+
+def history_v(space: Space, stage: FirstSpring) -> FloatArray:
+    """What a law follows, of all half loops but the first of every drive, V."""
+    loops = [half_loops(g.drive_v) for g in space.groups.groups]
+    return np.concatenate([stage.history(own)[1:] for own in loops])

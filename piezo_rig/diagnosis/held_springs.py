@@ -12,12 +12,11 @@ from functools import partial
 from itertools import product
 
 import numpy as np
-from numpy.typing import NDArray
 
 from piezo_rig.causes.first_spring import FirstSpring
 from piezo_rig.chain import Stage
-from piezo_rig.chain.half_loops import half_loops
 from piezo_rig.diagnosis.abreast import abreast
+from piezo_rig.diagnosis.first_spring import history_v
 from piezo_rig.diagnosis.fit import Point
 from piezo_rig.diagnosis.forms import FADES, PLAIN, summit, worth_of
 from piezo_rig.diagnosis.likelihood import Likelihood
@@ -26,7 +25,6 @@ from piezo_rig.diagnosis.refit import Fitted, playable, refit, settle
 from piezo_rig.diagnosis.space import Space
 from piezo_rig.errors import InputError
 
-FloatArray = NDArray[np.float64]
 STIFFER = (1.0, 2.0, 6.0, 30.0)  # springs, by the largest change that the law makes of them
 FURTHER = 1.25 ** np.arange(-3, 7)  # reaches, by that of the law which begins anew
 NO_LESS = 30.0  # log-likelihood by which a linear look may say less of a form that is fitted
@@ -62,7 +60,7 @@ def with_force_kept(space: Space, fitted: Fitted, id: str, than: Fitted) -> Fitt
 
 def _all(space: Space, stage: FirstSpring) -> list[Stage]:
     """Of every form some, with springs and reaches about what the law at hand asks for."""
-    history = _history(space, stage)
+    history = history_v(space, stage)
     mean = float(history.mean())
     most = float(np.abs(history - mean).max())
     rises = (0.0, 1.0) if space.groups.has_first_rise else (0.0,)
@@ -76,12 +74,6 @@ def _all(space: Space, stage: FirstSpring) -> list[Stage]:
             from_rest=from_rest,
         ))  # fmt: skip
     return out
-
-
-def _history(space: Space, stage: FirstSpring) -> FloatArray:
-    """What the law follows, of all half loops but the first of every drive."""
-    loops = [half_loops(g.drive_v) for g in space.groups.groups]
-    return np.concatenate([stage.history(own)[1:] for own in loops])
 
 
 def _looked_at(space: Space, than: Fitted, tried: Sequence[Stage]) -> list[float]:
