@@ -45,7 +45,7 @@ def with_force_kept(space: Space, fitted: Fitted, id: str, than: Fitted) -> Fitt
     ):  # fmt: skip
         return fitted
     less = than.point.model
-    tried = [stage, *(s for s in _all(space, stage) if playable(space, less.with_stage(s)))]
+    tried = [stage, *(s for s in forms_of(space, stage) if playable(space, less.with_stage(s)))]
     worth = _looked_at(space, than, tried)
     best: dict[tuple[float, float], int] = {}
     for k, s in enumerate(tried[1:], 1):
@@ -58,9 +58,13 @@ def with_force_kept(space: Space, fitted: Fitted, id: str, than: Fitted) -> Fitt
     return there if worth_of(there, id) > worth_of(fitted, id) + FADES else fitted
 
 
-def _all(space: Space, stage: FirstSpring) -> list[Stage]:
-    """Of every form some, with springs and reaches about what the law at hand asks for."""
+def forms_of(space: Space, stage: FirstSpring) -> list[Stage]:
+    """Of every form some, with springs and reaches about what the law at hand asks for; none where
+    it follows what is always the same.
+    """
     history = history_v(space, stage)
+    if not history.size or not np.ptp(history) > 0.0:
+        return []  # it changes no spring
     mean = float(history.mean())
     most = float(np.abs(history - mean).max())
     rises = (0.0, 1.0) if space.groups.has_first_rise else (0.0,)

@@ -7,11 +7,14 @@ own; the program follows the displacement and knows no such events.
 from __future__ import annotations
 
 from itertools import pairwise
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from piezo_rig.causes import CAUSES
 from piezo_rig.diagnosis import diagnose
+from piezo_rig.diagnosis.held_springs import forms_of
 from piezo_rig.run_file import Sweep
 
 RATE, HZ, HALF_UM = 1000.0, 2.0, 0.28
@@ -101,3 +104,17 @@ def test_the_law_is_named_and_nothing_else(cause, law, at_force, slope, offset):
         low, high = said[name].ci95
         assert low < true < high
     assert not found.unexplained.detected
+
+
+@pytest.mark.parametrize(("tops_v", "any_form"), [((60.0, 60.0), False), ((60.0, 30.0), True)])
+def test_it_is_asked_only_where_the_law_changes_the_spring(tops_v, any_form):
+    """Behind equal half loops a law of the range is a spring that stays as it is."""
+    groups = [SimpleNamespace(drive_v=np.interp(np.arange(1000), [0, *range(100, 1000, 100)],
+                                                [0.0, v, 0.0, v, 0.0, v, 0.0, v, 0.0, v]))
+              for v in tops_v]  # fmt: skip
+    space = SimpleNamespace(groups=SimpleNamespace(groups=groups, has_first_rise=False))
+    law = CAUSES["range-dependence"].of(None, slope=0.01, offset=0.0, reach=0.5, closing=0.0,
+                                        taper=0.0)  # fmt: skip
+    asked = forms_of(space, law)
+    assert bool(asked) == any_form
+    assert all(s["spring"] > 0.0 for s in asked)

@@ -37,6 +37,7 @@ LEAST = 1e-302  # chance that is told from none
 FOLLOWS = 0.03  # rms misfit, of the span, above which it is no monitor of this drive
 DIVIDER = 0.02  # gain's distance from 1 that is worth a word
 CLOCKS, APART, CLOSE = 12, 0.2, 1e-3  # turns; samples by the end that are none, and at last
+SLOWEST = 1e-3  # of the fastest change, that a limit leaves
 LATE = 8  # samples, to which a delay is looked for
 GRIDS: dict[str, FloatArray] = {
     LAG: np.geomspace(0.02, 100.0, 14),  # samples
@@ -152,7 +153,7 @@ class _Reader:
         if law == LAG:
             return kind.of(None, tau=x * c.step_s)
         if law == SLEW:
-            return kind.of(None, limit=(1.0 - x) * self.fastest)
+            return kind.of(None, limit=max(1.0 - x, SLOWEST) * self.fastest)
         if law == "upper":
             return kind.of(None, lower=-NEVER_V, upper=self.low + (1.0 - x) * c.span_v)
         return kind.of(None, lower=self.low + x * c.span_v, upper=NEVER_V)
