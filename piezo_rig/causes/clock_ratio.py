@@ -79,5 +79,6 @@ def _triggered_s(time_s: FloatArray) -> FloatArray:
 def pauses(time_s: FloatArray) -> NDArray[np.int64]:
     """Last samples before recordings that begin after a pause."""
     steps = np.diff(time_s)
-    usual = float(np.median(steps)) if steps.size else 0.0
+    moving = steps[steps > 0.0]  # what is put before a drive stands at one time
+    usual = float(np.median(moving)) if moving.size else 0.0
     return np.flatnonzero(steps > max(PAUSE * usual, PAUSE_S))

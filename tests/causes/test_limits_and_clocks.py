@@ -87,6 +87,14 @@ def test_a_digitizer_that_is_triggered_anew_begins_in_time_again(anew):
     )
 
 
+def test_samples_far_apart_are_no_pauses_whatever_was_played_before():
+    """Twenty samples a second, behind a drive that was played long before: one recording."""
+    time = np.concatenate([np.linspace(-1e7, -9e6, 60), 0.05 * np.arange(40)])
+    stage = CAUSES["clock-ratio"].of(None, ppm=1000.0, anew=1.0)
+    seen = stage.act(Signal(time, 0.0 * time, 5.0 * time)).displacement_um
+    assert seen[60:] == pytest.approx(5.0 * time[60:] / 1.001, abs=1e-9)
+
+
 def test_a_clock_is_looked_for_both_ways_where_recordings_carry_on_after_a_pause():
     data = Context(Model((MAXWELL,)), 8.0, 60.0, np.array([120.0]), 1e-3, 1.0, 1000.0)
     kind = CAUSES["clock-ratio"]
