@@ -180,6 +180,21 @@ def test_ageing_of_the_whole_strain_and_a_mode_that_carries_everything_are_left_
     np.testing.assert_allclose(done.drive_v, 10.0 * lines(0.0, 4.0, 2.0).displacement_um, atol=1e-8)
 
 
+def test_a_law_that_keeps_its_force_is_left_out_with_the_reason_and_foretold_all_the_same():
+    law = CAUSES["extremum-dependence"].of(
+        None, slope=0.01, offset=0.2, reach=0.5, closing=0.0, taper=0.0, carries=1.0, spring=0.5,
+        at_force=0.0, from_rest=0.0,
+    )  # fmt: skip
+    target = lines(0.0, 4.0, 2.0)
+    done = compensate(spring().with_stage(law), target, RIG)
+    assert {t.id: t.how for t in done.treatments} == {
+        "maxwell": "inverted", "extremum-dependence": "left out",
+    }  # fmt: skip
+    assert "force" in next(t.why for t in done.treatments if t.how == "left out")
+    np.testing.assert_allclose(done.drive_v, 10.0 * target.displacement_um, atol=1e-8)
+    assert np.abs(done.predicted_um - target.displacement_um).max() > 1e-3
+
+
 def test_the_record_is_in_time_where_the_model_knows_its_delay():
     """10 V/um: a straight rise is led by delay x speed x 10 V/um; with --free-end it is not."""
     model = spring().with_stage(CAUSES["time-skew"].of(None, delay=3e-4))
