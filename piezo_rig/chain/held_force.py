@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
+SOFTENED = -0.8  # share of the stiffness at hand that a law takes away, beyond which steps stay
 
 
 class Springs(NamedTuple):
@@ -68,7 +69,7 @@ def _held(begins, drive, moved, start, stiffness, gives_way, without, without_gi
             k = stiffness[loop] if own * way < most else 0.0
             plain_k = without if plain * way < plain_most else 0.0
             less = (k - plain_k) * step / volts if volts != 0.0 else 0.0
-            if less > -0.8:
+            if less > SOFTENED:
                 step /= 1.0 + less
             if k > 0.0:
                 own = way * min(way * (own + k * step), most)

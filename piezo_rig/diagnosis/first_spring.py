@@ -143,15 +143,10 @@ def _own(fitted: Fitted, stage: FirstSpring) -> Parameter:
     if (stage.id, "offset") not in fitted.point.names or not fitted.covariance.size:
         return Parameter(value, unit)
     at = fitted.point.names.index((stage.id, "offset"))
-    mean = stage["slope"] * mean_history_v(fitted.space, stage) + value
+    mean = stage["slope"] * float(history_v(fitted.space, stage).mean()) + value
     spread = 1.96 * float(np.sqrt(max(fitted.covariance[at, at], 0.0)))
     half = float(np.sqrt(spread**2 + (mean - stage["spring"]) ** 2 + (OPEN * mean) ** 2))
     return Parameter(value, unit, (value - half, value + half))
-
-
-def mean_history_v(space: Space, stage: FirstSpring) -> float:
-    """Mean of what a law follows, of all half loops but the first of every drive."""
-    return float(history_v(space, stage).mean())
 
 
 def history_v(space: Space, stage: FirstSpring) -> FloatArray:

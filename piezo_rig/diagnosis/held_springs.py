@@ -28,7 +28,7 @@ from piezo_rig.errors import InputError
 STIFFER = (1.0, 2.0, 6.0, 30.0)  # springs, by the largest change that the law makes of them
 FURTHER = 1.25 ** np.arange(-3, 7)  # reaches, by that of the law which begins anew
 NO_LESS = 30.0  # log-likelihood by which a linear look may say less of a form that is fitted
-STEPS = 4
+STEPS = 4  # of a refit
 
 
 def with_force_kept(space: Space, fitted: Fitted, id: str, than: Fitted) -> Fitted:
