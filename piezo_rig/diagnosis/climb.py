@@ -37,6 +37,7 @@ from piezo_rig.diagnosis.refit import Fitted, gained, refit, settle
 from piezo_rig.diagnosis.refusals import (
     BESIDE,
     CAME_TO_NOTHING,
+    FITS,
     OF_THE_MISFIT,
     SAYS_NO_MORE,
     carrying,
@@ -330,7 +331,7 @@ class Search:
             if against is None and doubtful and not self.helps(here, fitted, others=chance):
                 against = "fits, but does not predict data that it has not seen better beyond doubt"
             if against is None and self.harms(here, fitted):
-                against = "fits, but predicts data that it has not seen worse beyond doubt"
+                against = FITS + "worse beyond doubt"
             if against is not None:
                 if against != OF_WARMTH:  # what is no cause does not spoil one
                     self.spoiled[id] = Step(id, float(family[i]), fitted)

@@ -15,12 +15,14 @@ from piezo_rig.diagnosis.groups import Groups
 from piezo_rig.diagnosis.linear import Piece
 from piezo_rig.diagnosis.noise import Spectrum, Whitener, spectrum_of
 from piezo_rig.diagnosis.refit import Fitted, refit
+from piezo_rig.diagnosis.ripples import left_of
 from piezo_rig.diagnosis.scan import candidates
 from piezo_rig.diagnosis.space import Space
 from piezo_rig.diagnosis.whitening import CellWhitener
 
 FloatArray = NDArray[np.float64]
 ROUNDS = 3
+BENT = 0.7  # squared error with a bend, of that without it, from which on the base has one
 HIDDEN = np.log(0.3)  # of the noise, that a generous model must leave to show it
 ROUNDING = 1e-12  # of their size: columns that vary less are constant
 EXACT = 1e-5
@@ -232,3 +234,13 @@ def with_a_bend(groups: Groups, point: Point) -> Point | None:
     scales = scales_of(groups)
     bent = point.model.with_stage(Bend.none(scales.low_v, scales.span_v))
     return plainly(groups, Point(bent, (), point.sizes)).point
+
+
+def with_its_bend(groups: Groups, base: Point) -> Point:
+    """The same with a memoryless bend, where there is plainly one: a base that lacks it leaves more
+    than lost samples and ripples are, with kinks that come back.
+    """
+    bent = with_a_bend(groups, base)
+    if bent is not None and left_of(groups, bent.model) < BENT * left_of(groups, base.model):
+        return bent
+    return base

@@ -18,6 +18,7 @@ from piezo_rig.causes import CAUSES
 from piezo_rig.causes.cause import Cause
 from piezo_rig.causes.clock_ratio import ClockRatio
 from piezo_rig.chain import Model
+from piezo_rig.chain.bend import Bend
 from piezo_rig.diagnosis.abreast import both
 from piezo_rig.diagnosis.between import turn_between
 from piezo_rig.diagnosis.climbed import PERIODIC, Climbed, climbed, fitted_anew
@@ -38,14 +39,15 @@ from piezo_rig.diagnosis.early import (
 )
 from piezo_rig.diagnosis.early.mended import DROP, JUMP
 from piezo_rig.diagnosis.early.recounted import BESIDE_ALL, PLAINLY, square_of
-from piezo_rig.diagnosis.engine import plainly, with_a_bend
+from piezo_rig.diagnosis.engine import plainly, with_its_bend
 from piezo_rig.diagnosis.fit import Point
 from piezo_rig.diagnosis.found import RIPPLE
 from piezo_rig.diagnosis.groups import Groups
 from piezo_rig.diagnosis.left_creeping import less_what_creeps_on
 from piezo_rig.diagnosis.patience import Patience
 from piezo_rig.diagnosis.refit import Fitted
-from piezo_rig.diagnosis.ripples import AnyRipple, Aside, left_of, set_aside, without
+from piezo_rig.diagnosis.refusals import FITS
+from piezo_rig.diagnosis.ripples import AnyRipple, Aside, set_aside, without
 from piezo_rig.diagnosis.scale import at_one_phase, read_anew
 from piezo_rig.diagnosis.scan import LEVEL
 from piezo_rig.run_file.sweep import Sweep
@@ -54,7 +56,6 @@ FloatArray = NDArray[np.float64]
 SHARE = 0.2  # of the false alarms that a search of the raw recordings may take
 READ_ANEW = 2  # times
 FAR_OFF = 3.0  # times the noise
-BENT = 0.7  # squared error with a bend, of that without it, from which on the base has one
 MUCH = 50.0  # log-likelihood by which recordings have changed so that others may be found in them
 DIFFER = 0.6745 * np.sqrt(2.0)  # of the noise, by which half of all samples differ from the next
 
@@ -158,10 +159,12 @@ class InTurns:
         def heard() -> Reading | None:
             return read_monitor(self.raw, heard_of, SHARE * LEVEL, self.tried)
 
+        beside = with_its_bend(self.raw, self.start.point)
         # neither asks for what the other says: the monitor hears nothing of what the sensor does
         (self.early, point), self.reading = both(
-            self.start.space, self._cleaned, heard, [self.raw, *self.start.parts]
-        )
+            self.start.space, lambda: self._cleaned(beside), heard,
+            [self.raw, *self.start.parts, beside],
+        )  # fmt: skip
         if self.reading is not None and self.reading.between and not self.between:
             model = self.start.point.model
             for seen in self.reading.told:
@@ -170,11 +173,12 @@ class InTurns:
         self.whole = self.raw
         if self.early:
             self.whole = self.early[-1].groups
-            self.start = plainly(self.whole, point)
+            self.start = plainly(self.whole, point.without(Bend.id))
+            beside = with_its_bend(self.whole, self.start.point)
         base = self.start.point
         found, self.clean = both(
-            self.start.space, self._to_set_aside, lambda: at_one_phase(self.whole, base.model),
-            [self.whole, *self.start.parts],
+            self.start.space, lambda: self._to_set_aside(beside),
+            lambda: at_one_phase(self.whole, base.model), [self.whole, *self.start.parts],
         )  # fmt: skip
         if found is not None:
             self.aside, self.whole = found.ripple, found.groups
@@ -190,14 +194,8 @@ class InTurns:
             self.notes += self.reading.notes
             self.warnings += self.reading.warnings
 
-    def _to_set_aside(self) -> Aside | None:
+    def _to_set_aside(self, base: Point) -> Aside | None:
         """An error that comes back with displacement or drive, and has no name; None without."""
-        base, bent = self.start.point, with_a_bend(self.whole, self.start.point)
-        # a base that lacks a bend leaves more than a ripple is, with kinks that come back like one
-        if bent is not None and left_of(self.whole, bent.model) < BENT * left_of(
-            self.whole, base.model
-        ):
-            base = bent
         return set_aside(
             self.whole, base, lambda groups, p: plainly(groups, p).point,
             SHARE * LEVEL / self.tried,
@@ -227,23 +225,22 @@ class InTurns:
         """Whether other samples are lost than those that the baseline had shown, or jumps are there
         that it hid.
         """
-        alone = self.alone
+        alone, clock = self.alone, self._like_a_clock()
         steps = [*self.search.monitored, *self.search.ladder.steps]
-        if not steps or not alone:
+        if not (steps or clock) or not alone:
             return False
         model = base = self.search.ladder.last.point
         left = square_of(self.clean, model, alone)
         for step in steps:
             base = base.without(step.cause)
         known, others = credited(self.early), False
-        clock = any(s.cause == ClockRatio.id for s in steps)
         if clock:
             self.tell("lost samples behind what looks like a clock")
             # where some are lost, a lag among what was found hides a part of others from the base
             fuller = [model.without(ClockRatio.id)] if known[0] and len(steps) > 1 else []
             for beside in (*fuller, base):
                 behind, there = self._cleaned(beside, left)
-                others = credited(behind) > known
+                others = credited(behind) > known or self._never_lost(behind, there, left)
                 if others:
                     break
             for step in steps:
@@ -266,6 +263,25 @@ class InTurns:
         if others:
             self._begin_anew(behind, base)
         return others
+
+    def _like_a_clock(self) -> bool:
+        """Whether a clock was found, or fits these data and predicts others worse: losses in
+        one of several recordings look like that.
+        """
+        ladder = self.search.ladder
+        why = ladder.scans[-1].refused.get(ClockRatio.id, "") if ladder.scans else ""
+        return why.startswith(FITS) or any(
+            s.cause == ClockRatio.id for s in [*self.search.monitored, *ladder.steps]
+        )
+
+    def _never_lost(self, found: list[Early], there: Point, left: float) -> bool:
+        """Whether fewer samples are lost than the baseline had shown, for what is found beside a
+        model that has no clock leaves less than losses and a clock that makes up for them.
+        """
+        if not credited(found)[0] < credited(self.early)[0]:
+            return False
+        mended = found[-1].groups if found else self.raw
+        return square_of(mended, plainly(mended, there).point, self.alone) < left
 
     def _begin_anew(self, early: list[Early], base: Point) -> None:
         """With other things wrong with the recordings than the baseline had shown."""

@@ -34,9 +34,8 @@ NEARLY_NOTHING = 0.05  # the same: what a cause leaves that is no warmth, whatev
 SAYS_NO_MORE = "once refitted it says no more than the model without it"
 CAME_TO_NOTHING = "once refitted it came out at a limit, or no different from nothing"
 TOO_LONG = "once refitted it is larger than the drive monitor, which shows none, leaves room for"
-OF_THE_MISFIT = (
-    "fits, but predicts data that it has not seen no better, while the model is still far off"
-)
+FITS = "fits, but predicts data that it has not seen "  # and how much worse
+OF_THE_MISFIT = FITS + "no better, while the model is still far off"
 
 
 def carrying(
@@ -78,10 +77,7 @@ def worse(
     for k, (_, limit) in enumerate(search.held_out[:ways]):
         value, error = search.error(k, fitted), search.error(k, than)
         if value > (1.0 if doubtful and k == 0 else limit) * error:
-            return (
-                f"fits, but predicts data that it has not seen worse ({value:.3g} nm "
-                f"against {error:.3g} nm)"
-            )
+            return f"{FITS}worse ({value:.3g} nm against {error:.3g} nm)"
     before = search.error(0, than)
     helps = MUCH if search.space.loose else HELPS
     if before > FAR_OFF * search.noise_nm and search.error(0, fitted) > helps * before:

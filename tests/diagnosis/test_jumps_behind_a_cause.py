@@ -36,7 +36,7 @@ def test_it_is_looked_for_once_more_beside_a_better_model(sensor):
     stage = CAUSES["slew-limit"].of(None, limit=LIMIT)
     better = plainly(raw, Point(start.point.model.with_stage(stage)))
     step = SimpleNamespace(cause="slew-limit", fitted=better)
-    ladder = SimpleNamespace(steps=[step], last=better)
+    ladder = SimpleNamespace(steps=[step], scans=[], last=better)
     turns.search = SimpleNamespace(monitored=[], ladder=ladder)
     assert turns._other_losses() == (sensor is not None)
     assert [(e.cause, len(e.events)) for e in turns.early] == (

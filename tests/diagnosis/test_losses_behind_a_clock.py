@@ -3,14 +3,24 @@
 A base that is fitted to all of it is late before the loss and early after it.
 """
 
+from dataclasses import replace
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from scipy.signal import butter, lfilter, sosfiltfilt
 
+from piezo_rig.causes import named_model
 from piezo_rig.diagnosis import diagnose
+from piezo_rig.diagnosis.engine import plainly
+from piezo_rig.diagnosis.fit import Point, starting_model
+from piezo_rig.diagnosis.grouping import group_tracks
+from piezo_rig.diagnosis.in_turns import InTurns
+from piezo_rig.diagnosis.refusals import FITS
+from piezo_rig.identification import prepare
 from tests.diagnosis.sliders import play, recorded
 
-RATE, SECONDS, NOISE_UM = 2000.0, 24.0, 2e-3
+RATE, SECONDS, NOISE_UM, LOUD_UM = 2000.0, 24.0, 2e-3, 4e-3
 
 
 def smooth(seed: int, samples: int) -> np.ndarray:
@@ -68,3 +78,44 @@ def test_a_second_loss_and_a_lag_behind_what_looks_like_a_clock():
     )
     assert [e.size for e in named["dropped-samples"].events] == list(lost.values())
     assert not found.unexplained.detected
+
+
+def sines(rng: np.random.Generator, samples: int, rate: float) -> np.ndarray:
+    t = np.arange(samples) / rate
+    drive = sum(
+        rng.uniform(0.4, 1.0) * np.sin(2.0 * np.pi * f * t + rng.uniform(0.0, 6.28))
+        for f in (0.45, 0.9, 1.7, 2.4)
+    )
+    return 75.0 * (drive - drive.min()) / np.ptp(drive) * np.minimum(t / 0.6, 1.0)
+
+
+@pytest.mark.parametrize(("seed", "lost"), [(1, 3), (6, 0)])
+def test_a_clock_that_predicts_other_recordings_worse_may_be_a_loss_in_one(seed, lost):
+    """In 1/f noise, behind a jump: the loss is not plain at its place."""
+    rate, samples, rng = 2000.0, 17_000, np.random.default_rng(seed)
+    at, size, sweeps = round(0.8 * samples), 1 << 18, []
+    for k in range(3):
+        drive = sines(rng, samples + 100, rate)
+        moved = play(drive, np.linspace(0.5, 36.0, 72), 0.003)
+        kept = np.arange(samples)
+        if k == 1:
+            kept[at:] += lost
+        f = np.maximum(np.arange(size // 2 + 1), 1) / size
+        pink = np.fft.irfft(np.fft.rfft(rng.standard_normal(size)) / np.sqrt(f), size)[:samples]
+        seen = moved[kept] + LOUD_UM * pink / pink.std()
+        if k == 1:
+            seen += 0.1582 * (np.arange(samples) >= samples // 2)
+        one = recorded(drive[:samples], seen, rate, number=k + 1, condition=f"sines {k + 1}")
+        sweeps.append(replace(one, start_time=100.0 * k))
+    raw = group_tracks(prepare(sweeps, first_rises=True, clipped=True), sweeps)
+    start = plainly(raw, Point(starting_model(raw, named_model("classical"), "classical")))
+    turns = InTurns(raw, sweeps, start, np.random.default_rng(0), lambda *_: None, False)
+    turns._begin()
+    assert [e.cause for e in turns.early] == ["fringe-jump"]
+    refused = SimpleNamespace(refused={"clock-ratio": FITS + "worse (4.55 nm against 4.33 nm)"})
+    ladder = SimpleNamespace(steps=[], scans=[refused], last=turns.start)
+    turns.search = SimpleNamespace(monitored=[], ladder=ladder)
+    assert turns._other_losses() == (lost > 0)
+    losses = [b for e in turns.early for b in e.breaks if b.cause == "dropped-samples"]
+    assert [(b.group, b.count) for b in losses] == ([(1, lost)] if lost else [])
+    assert all(abs(b.index - at) < 0.02 * samples for b in losses)

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from piezo_rig.chain import Model
+from piezo_rig.diagnosis.early.at_sight import jumps_at_sight
 from piezo_rig.diagnosis.early.followed import BY_ALL, MANY, by_all_that_follows, path_of
 from piezo_rig.diagnosis.early.guesses import CLEAR, at_sight, guess_of, losses_of_pairs
 from piezo_rig.diagnosis.early.mended import DROP, JUMP, STEP_UM, Break, lead, mended
@@ -80,8 +81,12 @@ def find_breaks(
     breaks = list(lost)
     closed: set[int] = set()  # groups in which nothing more can be placed
     guessed: dict[int, int] = {}  # group -> how many breaks there were before one was guessed
-    for _ in range(ROUNDS if found else 0):
+    for turn in range(ROUNDS if found else 0):
         search = search_of(mended(groups, predicted, breaks), predicted, found, breaks, sweeps)
+        plain = jumps_at_sight(search) if turn == 0 else []
+        if plain:
+            breaks += plain
+            search = search_of(mended(groups, predicted, breaks), predicted, found, breaks, sweeps)
         peaks = [
             p for p in find_peaks(search)
             if search.chance(p.gained) < level and not (lost and p.cause == DROP)
@@ -126,8 +131,8 @@ def find_breaks(
     if lost:
         return Breaks(tuple(breaks))
     breaks = _cancelled(breaks)
-    plain = [b for b in breaks if b.high - b.low < SPREAD]  # elsewhere two are as good as one
-    for several in [b for b in plain if b.cause == DROP and 1 < b.count <= FEWER]:
+    placed_well = [b for b in breaks if b.high - b.low < SPREAD]  # else two are as good as one
+    for several in [b for b in placed_well if b.cause == DROP and 1 < b.count <= FEWER]:
         breaks = _split(groups, predicted, found, breaks, sweeps, several)
     for g in sorted({s.group for s in found}):
         breaks = of_repeats(groups, predicted, found, breaks, sweeps, g, level)
