@@ -25,6 +25,7 @@ from piezo_rig.diagnosis.fit import Point
 from piezo_rig.diagnosis.groups import Group, Groups
 from piezo_rig.diagnosis.left_before import left_before
 from piezo_rig.diagnosis.linear import Bands, Fixed, Frame, Key, Piece, joined, no_bands, no_columns
+from piezo_rig.diagnosis.right_angles import Kept, factor_of
 from piezo_rig.diagnosis.whitening import CellWhitener
 
 FloatArray = NDArray[np.float64]
@@ -124,7 +125,7 @@ class Columns:
         tight = self.held and not self.loose
         left = held.bends_left(self.groups, every, model, self.scales) if tight else []
 
-        def of(index: int) -> list[tuple[int, Fixed]]:
+        def of(index: int) -> list[tuple[int, Kept]]:
             group, made = self.groups.groups[index], []
             powers, plays = self._of_drive(index, every[index], model)
             if tight:
@@ -133,25 +134,32 @@ class Columns:
                 smooth = dictionary.smooth(plays, self.scales, self.first_rise)
                 columns = np.concatenate([powers, smooth, plays])
             moved = self._carried(model, group, columns)
+            bends = moved.shape[0] - plays.shape[0]
             for at, piece in enumerate(self.pieces):
-                if piece.group != index:
-                    continue
-                generic = self.generic[at]
-                white, raw = self._kept(moved[:, piece.begin : piece.end], at)
-                cross = white @ generic.white.T
-                gram = joined(white @ white.T, cross, generic.gram)
-                made.append((moved.shape[0] - plays.shape[0], Fixed(
-                    np.concatenate([white, generic.white]), gram,
-                    np.concatenate([raw, generic.raw]),
-                )))  # fmt: skip
+                if piece.group == index:
+                    made.append((bends, self._kept(moved[:, piece.begin : piece.end], at)))
             return made
 
         found = self.each_group(of)
-        self.fixed = [f for _, f in found]
+        self.fixed = self._beside_dictionary([kept for _, kept in found], model if tight else None)
         bends = found[0][0] if found else 0
         fine = self.fixed[0].white.shape[0] - bends - len(self.tags) if found else 0
         self.counts = (bends, fine, len(self.tags))
         self._known[key] = (model, self.fixed, self.counts)
+
+    def _beside_dictionary(self, actuators: list[Kept], given: Model | None) -> list[Fixed]:
+        """Columns of every piece; those of a ``given`` model less most of what is like a factor.
+        """
+        others = [(g.white, g.raw) for g in self.generic]
+        if given is not None:
+            factor = factor_of(self.groups, self.pieces, given, self.whiten)
+            actuators, others = factor.off(actuators), factor.off(others)
+        out = []
+        for (white, raw), (w, r), generic in zip(actuators, others, self.generic, strict=True):
+            own = generic.gram if given is None else w @ w.T
+            gram = joined(white @ white.T, white @ w.T, own)
+            out.append(Fixed(np.concatenate([white, w]), gram, np.concatenate([raw, r])))
+        return out
 
     def frame(self, point: Point) -> Frame:
         """Bands of a point's tables and fixed columns, as of the model that was prepared."""
@@ -275,7 +283,7 @@ class Columns:
         self.generic = self.each_group(of)
         self.tags = tags[0]
 
-    def _kept(self, cut: FloatArray, at: int) -> tuple[FloatArray, NDArray[np.float32]]:
+    def _kept(self, cut: FloatArray, at: int) -> Kept:
         """Columns of one piece, whitened, and unwhitened and centred.
 
         What the base leaves of them is far smaller than they are: the white ones stay exact.

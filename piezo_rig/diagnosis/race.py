@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from piezo_rig.diagnosis.climb import Search
 
 PROMISING = 2  # that are refitted because the likeliest came to less
+A_FACTOR, NEARLY = 0.7, 1.1  # of what a bend says; and of what it leaves held out
 OF_ANOTHER = 1.0  # log-likelihood by a linear look, up to which no other kind of bend is tried
 
 
@@ -61,7 +62,37 @@ def raced(
     )
     if bends and (bent or _still_far_off(search, here, [fitted for _, _, fitted in out])):
         out += tried(search, here, found, bends)
-    return out, bool(close)
+    return _rather_a_factor(search, here, found, out), bool(close)
+
+
+def _rather_a_factor(
+    search: Search, here: Fitted, found: Found, out: list[Tried]
+) -> list[Tried]:
+    """Against a given model that says how far off it was: no bend where a gain or a sensitivity
+    says nearly as much. Such a model has its own bend, which does not change, and one more does
+    most of what a factor does.
+    """
+    bends = [t for t in out if of_base(found.result.ids[t[1]]) and t[0] > 0.0]
+    space = search.space
+    if not bends or not space.held or space.loose or not np.isfinite(space.own_um):
+        return out
+    factors = [i for i, id in enumerate(found.result.ids) if _of_given(id)]
+    out = out + tried(search, here, found, [i for i in factors if i not in {t[1] for t in out}])
+    said = [t for t in out if t[1] in factors]
+
+    def needless(bend: Tried) -> bool:
+        error = NEARLY * search.error(0, bend[2])
+        return any(
+            gained(f, here) > A_FACTOR * gained(bend[2], here) and search.error(0, f) < error
+            for _, _, f in said
+        )
+
+    return [t for t in out if t not in bends or not needless(t)]
+
+
+def _of_given(id: str) -> bool:
+    kind = CAUSES[id]
+    return issubclass(kind, Cause) and kind.needs_fixed_model
 
 
 def tried(
