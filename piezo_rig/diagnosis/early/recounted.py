@@ -136,7 +136,7 @@ def _plainest(
             offset = float(np.median(seen - model))
             plain = (seen - model - offset) ** 2
             for count in counts:
-                if n - count < 2 * LEAST or count > n // 4:
+                if n - count <= 2 * LEAST or count > n // 4:
                     break
                 ahead = (seen[: n - count] - model[count:] - offset) ** 2
                 taken = np.cumsum((plain[: n - count] - ahead)[::-1])[::-1]  # from there on

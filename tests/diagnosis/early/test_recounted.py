@@ -6,6 +6,8 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
 
 from piezo_rig.diagnosis import diagnose
 from piezo_rig.diagnosis.early import recounted
@@ -86,3 +88,37 @@ def test_where_samples_were_lost_already_others_are_lost_for_less(monkeypatch, k
         lambda groups, point: point, 1.0,
     )  # fmt: skip
     assert [b.count for b in told] == found
+
+
+@given(samples=st.integers(2, 900), most=st.integers(1, 60), seed=st.integers(0, 10**6))
+@example(samples=2 * recounted.LEAST + 10, most=60, seed=0)
+@settings(max_examples=60)
+def test_a_recording_of_any_length_can_be_asked_for_its_plainest_loss(samples, most, seed):
+    """Also one of just so many samples that no place for a loss is left between both ends."""
+    new = plainest(samples, most, lost=0, seed=seed)
+    assert new is None or recounted.LEAST <= new.index < samples - new.count - recounted.LEAST
+
+
+@pytest.mark.parametrize("most", [4, 60])
+def test_the_plainest_loss_is_where_it_is(most):
+    new = plainest(1500, most, lost=4, seed=1)
+    assert abs(new.index - 700) < 3
+    assert abs(new.count - 4) <= 1  # the offset is that of all of it: a first guess
+
+
+def plainest(samples, most, lost, seed):
+    t = np.arange(samples + lost)
+    path = 1e-3 * t + 0.1 * np.sin(0.01 * t)
+    seen = np.delete(path, np.s_[700 : 700 + lost]) if lost else path
+    seen = seen + 1e-3 * np.random.default_rng(seed).standard_normal(samples)
+    group = SimpleNamespace(
+        repeats=1, measured_um=seen[None], predicted=lambda model: path[:samples],
+        blocks=((0, samples),), drive_v=path[:samples],
+    )  # fmt: skip
+    sweep = SimpleNamespace(drive_v=path[:samples])
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(recounted, "sweep_bounds", lambda *_: [(0, samples)])
+        return recounted._plainest(
+            SimpleNamespace(groups=[group]), SimpleNamespace(model=None), [sweep], {0},
+            range(1, most + 1),
+        )  # fmt: skip
