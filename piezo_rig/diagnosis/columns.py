@@ -141,21 +141,25 @@ class Columns:
             return made
 
         found = self.each_group(of)
-        self.fixed = self._beside_dictionary([kept for _, kept in found], model if tight else None)
-        bends = found[0][0] if found else 0
-        fine = self.fixed[0].white.shape[0] - bends - len(self.tags) if found else 0
+        bends, actuators = found[0][0] if found else 0, [kept for _, kept in found]
+        found.clear()
+        self.fixed = self._beside_dictionary(actuators, model if tight else None)
+        fine = self.fixed[0].white.shape[0] - bends - len(self.tags) if self.fixed else 0
         self.counts = (bends, fine, len(self.tags))
         self._known[key] = (model, self.fixed, self.counts)
 
     def _beside_dictionary(self, actuators: list[Kept], given: Model | None) -> list[Fixed]:
         """Columns of every piece; those of a ``given`` model less most of what is like a factor.
+
+        ``actuators`` : is emptied, for all of them twice are too many
         """
         others = [(g.white, g.raw) for g in self.generic]
         if given is not None:
             factor = factor_of(self.groups, self.pieces, given, self.whiten)
             actuators, others = factor.off(actuators), factor.off(others)
         out = []
-        for (white, raw), (w, r), generic in zip(actuators, others, self.generic, strict=True):
+        for (w, r), generic in zip(others, self.generic, strict=True):
+            white, raw = actuators.pop(0)
             own = generic.gram if given is None else w @ w.T
             gram = joined(white @ white.T, white @ w.T, own)
             out.append(Fixed(np.concatenate([white, w]), gram, np.concatenate([raw, r])))
