@@ -89,6 +89,7 @@ def sines(rng: np.random.Generator, samples: int, rate: float) -> np.ndarray:
     return 75.0 * (drive - drive.min()) / np.ptp(drive) * np.minimum(t / 0.6, 1.0)
 
 
+@pytest.mark.study
 @pytest.mark.parametrize(("seed", "lost"), [(1, 3), (6, 0)])
 def test_a_clock_that_predicts_other_recordings_worse_may_be_a_loss_in_one(seed, lost):
     """In 1/f noise, behind a jump: the loss is not plain at its place."""
@@ -119,3 +120,21 @@ def test_a_clock_that_predicts_other_recordings_worse_may_be_a_loss_in_one(seed,
     losses = [b for e in turns.early for b in e.breaks if b.cause == "dropped-samples"]
     assert [(b.group, b.count) for b in losses] == ([(1, lost)] if lost else [])
     assert all(abs(b.index - at) < 0.02 * samples for b in losses)
+
+
+@pytest.mark.parametrize(("steps", "why", "asked"), [
+    (["clock-ratio"], "", True),
+    ([], FITS + "worse (4.55 nm against 4.33 nm)", True),
+    (["creep"], FITS + "worse beyond doubt", True),
+    (["creep"], "once refitted it says no more than the model without it", False),
+    (["creep"], "", False),
+])  # fmt: skip
+def test_losses_are_asked_for_behind_a_clock_that_is_taken_or_fits_and_predicts_worse(
+    steps, why, asked
+):
+    ladder = SimpleNamespace(
+        steps=[SimpleNamespace(cause=c) for c in steps],
+        scans=[SimpleNamespace(refused={"clock-ratio": why} if why else {})],
+    )
+    turns = SimpleNamespace(search=SimpleNamespace(monitored=[], ladder=ladder))
+    assert InTurns._like_a_clock(turns) == asked

@@ -14,6 +14,7 @@ from piezo_rig.diagnosis.in_turns import InTurns
 from piezo_rig.identification import prepare
 from tests.diagnosis.sliders import play, recorded
 
+STUDY = pytest.param(3, 2, marks=pytest.mark.study)
 RATE, SECONDS, BEND_UM = 2000.0, 12.0, 1.2
 
 
@@ -26,7 +27,7 @@ def walk(seed: int, samples: int) -> np.ndarray:
     return np.concatenate([begins, drive])[:samples]
 
 
-@pytest.mark.parametrize(("seed", "lost"), [(2, 2), (3, 2), (5, 0)])
+@pytest.mark.parametrize(("seed", "lost"), [(2, 2), STUDY, (5, 0)])
 def test_losses_are_told_beside_a_base_that_has_its_bend(seed, lost):
     samples = int(RATE * SECONDS)
     drive = walk(seed, samples + 10)

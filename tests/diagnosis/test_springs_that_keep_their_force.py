@@ -88,7 +88,7 @@ def of_both(m, turns_v):
 
 
 @pytest.mark.parametrize(("cause", "law", "at_force", "slope", "offset"), [
-    ("extremum-dependence", of_extremum, False, 0.006, 0.1),
+    pytest.param("extremum-dependence", of_extremum, False, 0.006, 0.1, marks=pytest.mark.study),
     pytest.param("range-dependence", of_range, False, 0.006, 0.05, marks=pytest.mark.study),
     pytest.param("extremum-dependence", of_both, True, 0.002, 0.5, marks=pytest.mark.study),
 ])  # fmt: skip

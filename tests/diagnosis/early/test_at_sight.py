@@ -62,7 +62,9 @@ def searched(seen, known=None):
     return groups, model, sweeps, predicted
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("seed", [
+    2, pytest.param(1, marks=pytest.mark.study), pytest.param(3, marks=pytest.mark.study),
+])  # fmt: skip
 def test_two_jumps_in_a_hold_that_the_base_has_followed_are_found_to_the_sample(seed):
     at = int(HOLDS[5] - 900), int(HOLDS[5] - 500)
     own = sum(STEP_UM * (np.arange(DRIVE.size) >= k) for k in at)
