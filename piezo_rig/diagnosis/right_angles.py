@@ -23,7 +23,7 @@ from piezo_rig.diagnosis.linear import Piece
 
 FloatArray = NDArray[np.float64]
 STEP = 1e-3  # of a factor, for differences
-LEFT = 0.25  # of a column's share in either: on other drives than those it was fitted to
+LEFT = 0.25  # of a column's share in what both have: other drives than those it was fitted to
 Kept = tuple[FloatArray, NDArray[np.float32]]  # columns, whitened and as they are less a mean
 
 

@@ -11,7 +11,7 @@ import pytest
 from scipy.signal import butter, lfilter, sosfiltfilt
 
 from piezo_rig.causes import named_model
-from piezo_rig.diagnosis import diagnose
+from piezo_rig.diagnosis import diagnose, in_turns
 from piezo_rig.diagnosis.engine import plainly
 from piezo_rig.diagnosis.fit import Point, starting_model
 from piezo_rig.diagnosis.grouping import group_tracks
@@ -138,3 +138,21 @@ def test_losses_are_asked_for_behind_a_clock_that_is_taken_or_fits_and_predicts_
     )
     turns = SimpleNamespace(search=SimpleNamespace(monitored=[], ladder=ladder))
     assert InTurns._like_a_clock(turns) == asked
+
+
+@pytest.mark.parametrize(("fewer", "leaves", "given_up"), [
+    (0, 0.9, True), (0, 1.1, False),  # of what losses and a clock leave
+    (2, 0.9, False),  # as many are found
+])  # fmt: skip
+def test_losses_are_given_up_where_fewer_leave_less_than_they_and_a_clock(
+    monkeypatch, fewer, leaves, given_up
+):
+    def lost(count):
+        events = [SimpleNamespace(size=count)]
+        return [SimpleNamespace(cause="dropped-samples", events=events, groups=None)]
+
+    monkeypatch.setattr(in_turns, "plainly", lambda groups, point: SimpleNamespace(point=point))
+    monkeypatch.setattr(in_turns, "square_of", lambda groups, point, members: leaves)
+    turns = SimpleNamespace(early=lost(2), raw=None, alone={0})
+    found = lost(fewer) if fewer else []
+    assert InTurns._never_lost(turns, found, None, 1.0) == given_up

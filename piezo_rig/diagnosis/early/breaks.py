@@ -16,7 +16,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from piezo_rig.chain import Model
-from piezo_rig.diagnosis.early.at_sight import jumps_at_sight
 from piezo_rig.diagnosis.early.followed import BY_ALL, MANY, by_all_that_follows, path_of
 from piezo_rig.diagnosis.early.guesses import CLEAR, at_sight, guess_of, losses_of_pairs
 from piezo_rig.diagnosis.early.mended import DROP, JUMP, STEP_UM, Break, lead, mended
@@ -24,6 +23,7 @@ from piezo_rig.diagnosis.early.of_repeats import of_repeats
 from piezo_rig.diagnosis.early.passing import lasting
 from piezo_rig.diagnosis.early.peaks import Peak, Search, find_peaks, left_of, search_of
 from piezo_rig.diagnosis.early.place import at_rest, placed
+from piezo_rig.diagnosis.early.plain_jumps import jumps_at_sight
 from piezo_rig.diagnosis.early.traces import (
     Stretch,
     Whitened,

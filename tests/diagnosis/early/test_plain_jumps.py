@@ -8,9 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from piezo_rig.causes import named_model
-from piezo_rig.diagnosis.early.at_sight import jumps_at_sight
 from piezo_rig.diagnosis.early.breaks import find_breaks
 from piezo_rig.diagnosis.early.peaks import search_of
+from piezo_rig.diagnosis.early.plain_jumps import jumps_at_sight
 from piezo_rig.diagnosis.early.traces import stretches
 from piezo_rig.diagnosis.engine import plainly
 from piezo_rig.diagnosis.fit import Point, starting_model
